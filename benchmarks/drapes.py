@@ -35,8 +35,9 @@ from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_o
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.drape.feature_edits import move_vertex
+from sketchterrain.drape.feature_edits import DrapedFeatures
 from sketchterrain.drape.raster_source import DrapedRaster
+from sketchterrain.features.edits import with_places
 from sketchterrain.features.levels import Level
 from sketchterrain.features.picking import PICK
 from sketchterrain.generation.terrain import Terrain
@@ -491,13 +492,13 @@ def _drag_row(
     eye, ahead = np.array(camera.eye[:2]), np.array(camera.forward[:2])
     x, y = (eye + 150.0 * ahead / np.hypot(*ahead)).tolist()
     held = 1, int(drapes.features(1, (x - 60.0, y - 60.0, x + 60.0, y + 60.0))[0])
-    layer, seconds = layers[1], []
+    seconds = []
     for step in range(count + 2):
         start = perf_counter()
-        feature = drapes.feature(*held)
-        moved = shapely.get_coordinates(feature.geometry)[2] + _MOVES * np.array([(-1.0) ** step, 1.0])
-        layer = move_vertex(layer, feature, 2, *moved.tolist())
-        drapes = drapes.updated((layers[0], layer))
+        table = DrapedFeatures.from_drapes(drapes, 1)
+        places = np.concatenate(table.feature(held[1]).rings)
+        places[2] += _MOVES * np.array([(-1.0) ** step, 1.0])
+        drapes = drapes.updated((layers[0], with_places(table, held[1], places).layer))
         pictures.renderer.set_drapes(drapes, held)
         stats = pictures.renderer.frame(camera, pictures.framebuffer, elapsed=0.3)
         pictures.context.finish()

@@ -41,9 +41,9 @@ from sketchterrain.generation.building import build
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.models.drapes import draped_handles
+from sketchterrain.ui.models.features import vertex_at, vertex_handles
 from sketchterrain.ui.models.painting import Stroke
-from sketchterrain.ui.models.selection import FeatureDrag, vertex_at
+from sketchterrain.ui.models.selection import FeatureDrag
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import overview
 from sketchterrain.ui.window import MainWindow
@@ -249,14 +249,14 @@ class LatencyProbe(EngineProbe):
         vectors = self._document.sketch.vectors[layer]
         name = int(vectors.ids[number % len(vectors)])
         line = vectors.feature(name).rings[0]
-        found = vertex_at(self._document.sketch, Selection(layer, name), *line[len(line) // 2], reach=1.0)
+        found = vertex_at(self._document, Selection(layer, name), *line[len(line) // 2], reach=1.0)
         assert found is not None  # noqa: S101 # it is a vertex
         return found
 
     def draped_vertex(self, feature: int) -> Handle:
         """Return the first vertex of a feature of the first draped layer."""
         self._wait(lambda: self._document.drapes.current is not None)
-        return draped_handles(self._document, Selection("drape", feature, layer=0))[0]
+        return vertex_handles(self._document, Selection("drape", feature, layer=0))[0]
 
     def drag(self, handle: Handle) -> tuple[float, float, float]:
         """Drag a vertex for a second and undo it; return the figures of `_drags`."""

@@ -18,8 +18,8 @@ from sketchterrain.ui.commands import exists, is_edited, is_locked, name_of, rep
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.features import FEATURE_COMMANDS, paste, selected_text
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
-from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, delete_vector, paste, selected_text
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
 
 
@@ -280,7 +280,7 @@ def add_selection_commands(
 ) -> None:
     """Add the commands for the selection, if it exists, to a menu."""
     if not selection.is_placed:
-        _add_vector_commands(menu, document, workspace)
+        _add_feature_commands(menu, document, workspace)
     elif exists(placed, selection):
         _add_placed_commands(menu, document, workspace, placed, selection)
 
@@ -298,30 +298,28 @@ def _add_placed_commands(
         action.setEnabled(verb != "reset" or is_edited(sketch, placed, selection))
 
 
-def copy_vector(document: Document, workspace: Workspace) -> None:
-    """Copy the selected vector to the clipboard."""
+def copy_feature(document: Document, workspace: Workspace) -> None:
+    """Copy the selected feature to the clipboard."""
     clipboard, text = QGuiApplication.clipboard(), selected_text(document, workspace)
     if clipboard is not None and text:
         clipboard.setText(text)
 
 
-def paste_vectors(document: Document, workspace: Workspace) -> None:
-    """Paste the vectors of the clipboard; raise InputError if it has none."""
+def paste_features(document: Document, workspace: Workspace) -> None:
+    """Paste the features of the clipboard; raise InputError if it has none."""
     clipboard = QGuiApplication.clipboard()
     paste(document, workspace, "" if clipboard is None else clipboard.text())
 
 
-CLIPBOARD_COMMANDS = {"copy": copy_vector, "paste": paste_vectors}
+CLIPBOARD_COMMANDS = {"copy": copy_feature, "paste": paste_features}
 
 
-def _add_vector_commands(menu: ContextMenu, document: Document, workspace: Workspace) -> None:
+def _add_feature_commands(menu: ContextMenu, document: Document, workspace: Workspace) -> None:
     def run(command: Callable[[Document, Workspace], None]) -> None:
         with reported(document.message.emit):
             command(document, workspace)
 
-    is_draped = workspace.selection is not None and workspace.selection.is_draped
-    of_vectors = {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}
-    for name, command in ({"delete-selection": delete_vector} if is_draped else of_vectors).items():
+    for name, command in {**FEATURE_COMMANDS, **CLIPBOARD_COMMANDS}.items():
         menu.add_command(COMMANDS[name].icon, COMMANDS[name].text.replace("&", ""), partial(run, command))
 
 

@@ -118,14 +118,7 @@ def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: floa
 
 
 def drag_title(placed: Placement, handle: Handle) -> str:
-    """Return the history title of a drag."""
-    if handle.selection.is_draped:
-        return {"point": "Move a vertex", "corner": "Resize a feature", "rotate": "Rotate a feature"}.get(
-            handle.role, "Move a feature"
-        )
-    if handle.selection.is_vector:
-        verb = "Move a node" if handle.role == "point" else "Set the width"
-        return f"{verb} of {LAYERS[handle.selection.kind].title.lower()}"
+    """Return the history title of a drag of a placed object's handle."""
     return _TITLES[handle.role].format(name_of(placed, handle.selection))
 
 

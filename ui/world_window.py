@@ -23,8 +23,8 @@ from sketchterrain.ui.engine.link import EngineLink, EngineProcesses, ViewSource
 from sketchterrain.ui.layout import Dock, FullScreenActions, PaneFocus, fitting_size
 from sketchterrain.ui.look.theme import app_icon
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.features import FEATURE_COMMANDS, table_of
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
-from sketchterrain.ui.models.vectors import VECTOR_COMMANDS, find_vector
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Bookmarks, Selection, Workspace, state_folder
 from sketchterrain.ui.panels.lists import BookmarksPanel
 from sketchterrain.ui.view3d.camera import length_text
@@ -78,8 +78,8 @@ class SketchActions(QObject):
                 "undo": document.undo,
                 "redo": document.redo,
                 **{
-                    name: partial(self._apply_to_vector, command)
-                    for name, command in {**VECTOR_COMMANDS, **CLIPBOARD_COMMANDS}.items()
+                    name: partial(self._apply_to_feature, command)
+                    for name, command in {**FEATURE_COMMANDS, **CLIPBOARD_COMMANDS}.items()
                 },
                 "delete-selection": partial(self._apply, delete),
                 "reset-selection": partial(self._apply, reset),
@@ -139,13 +139,12 @@ class SketchActions(QObject):
             can_lock = commands.find_point(placed, selection) is not None
             locked = can_lock and commands.is_locked(sketch, selection)
             edited = commands.is_edited(sketch, placed, selection)
-        is_vector = find_vector(sketch, selection) is not None
-        is_draped = self._document.drapes.feature(selection) is not None
+        is_feature = table_of(self._document, selection) is not None
         for name, enabled in (
-            *((name, is_vector) for name in ("copy", *VECTOR_COMMANDS)),
+            *((name, is_feature) for name in ("copy", *FEATURE_COMMANDS)),
             ("select-none", selection is not None),
-            ("delete-selection", is_placed or is_vector or is_draped),
-            ("look-selection", is_placed or is_draped),
+            ("delete-selection", is_placed or is_feature),
+            ("look-selection", is_placed or is_feature),
             ("lock-selection", can_lock),
             ("reset-selection", edited),
         ):
@@ -156,7 +155,7 @@ class SketchActions(QObject):
         with commands.reported(lambda line: self._banner.show_message(Message("warning", line, "command"))):
             change()
 
-    def _apply_to_vector(self, command: Callable[[Document, Workspace], None]) -> None:
+    def _apply_to_feature(self, command: Callable[[Document, Workspace], None]) -> None:
         self._try(lambda: command(self._document, self._workspace))
 
     def _apply(self, command: Callable[[Document, Workspace, msg.Placement, Selection], None]) -> None:

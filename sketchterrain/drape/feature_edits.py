@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -12,17 +13,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import shapely
-from shapely.affinity import rotate, scale, translate
-from shapely.geometry.base import BaseGeometry
 
-from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value
 from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.drape.vector_source import Feature, VectorSource
+from sketchterrain.drape.vector_source import VectorSource
 from sketchterrain.drape.vector_store import FileProjection, open_drape
 from sketchterrain.errors import InputError, SketchterrainError, format_value, one_line
+from sketchterrain.features.edits import feature_of, shape_of
 from sketchterrain.features.files import FileTable, write_table
+from sketchterrain.features.table import VectorFeature
 from sketchterrain.io.files import atomic_path, hash_file
 
 DRIVERS: Final = {".gpkg": "GPKG", ".fgb": "FlatGeobuf", ".geojson": "GeoJSON", ".json": "GeoJSON"}
@@ -30,130 +30,77 @@ DRIVERS: Final = {".gpkg": "GPKG", ".fgb": "FlatGeobuf", ".geojson": "GeoJSON", 
 
 _BATCH: Final = 1 << 16  # features that are written to a GeoPackage at once
 
-_Value = int | float | str | None
 
+@dataclass(frozen=True)
+class DrapedFeatures:
+    """The features of a draped layer with its edits, as a table that `features.edits` changes."""
 
-def move_feature(layer: DrapedLayer, feature: Feature, east: float, north: float) -> DrapedLayer:
-    """Return the layer with a feature moved by metres."""
-    return with_geometry(layer, feature, translate(feature.geometry, east, north))
+    layer: DrapedLayer
+    source: VectorSource
 
+    @classmethod
+    def from_drapes(cls, drapes: Drapes, number: int) -> DrapedFeatures:
+        """Return the features of a layer by its number; raise InputError if it is no vector layer."""
+        source = drapes.sources[number] if 0 <= number < len(drapes.sources) else None
+        if not isinstance(source, VectorSource):
+            raise InputError(f"draped layer {number}: expected features")
+        return cls(drapes.layers[number], source)
 
-def rotate_feature(
-    layer: DrapedLayer, feature: Feature, degrees: float, about: tuple[float, float]
-) -> DrapedLayer:
-    """Return the layer with a feature rotated counterclockwise about a point (m)."""
-    return with_geometry(layer, feature, rotate(feature.geometry, degrees, about))
+    @property
+    def next_id(self) -> int:
+        """The id of the next new feature."""
+        return self.source.next_id
 
+    def feature(self, number: int) -> VectorFeature:
+        """Return a feature, of one with several kinds of parts the areas; raise InputError without one."""
+        found = self.source.feature(number)
+        given = {name: value for name, value in found.properties.items() if value is not None}
+        return feature_of(found.geometry, given, number)
 
-def scale_feature(
-    layer: DrapedLayer, feature: Feature, factors: tuple[float, float], about: tuple[float, float]
-) -> DrapedLayer:
-    """Return the layer with a feature scaled eastward and northward about a point (m)."""
-    if not all(factors):
-        raise InputError(f"feature {feature.id}: scale {format_value(factors)}: expected no zero")
-    return with_geometry(layer, feature, scale(feature.geometry, *factors, origin=about))
+    def __contains__(self, number: int) -> bool:
+        """Return whether there is a feature with an id."""
+        with suppress(InputError):
+            return self.source.feature(number).id == number
+        return False
 
+    def near(self, x: float, y: float, reach: float) -> list[VectorFeature]:
+        """Return the features that may be within a distance (m) of a place."""
+        found = self.source.features((x - reach, y - reach, x + reach, y + reach))
+        return [self.feature(number) for number in found.tolist()]
 
-def move_vertex(layer: DrapedLayer, feature: Feature, vertex: int, x: float, y: float) -> DrapedLayer:
-    """Return the layer with a vertex of a feature, as `shapely.get_coordinates` numbers it, at a point."""
+    def features_at(self, x: float, y: float) -> list[VectorFeature]:
+        """Return the features with a vertex at a position (m)."""
+        return [
+            each for each in self.near(x, y, 0.0) if (np.concatenate(each.rings) == (x, y)).all(axis=1).any()
+        ]
 
-    def moved(line: Float64Array, at: int) -> Float64Array:
-        return np.where(np.arange(len(line))[:, None] == at, (x, y), line)
+    def edited(self, remove: Sequence[int] = (), add: Sequence[VectorFeature] = ()) -> DrapedFeatures:
+        """Return the table without some features, and with others, in their places or with new ids.
 
-    return _with_line(layer, feature, vertex, moved)
-
-
-def insert_vertex(layer: DrapedLayer, feature: Feature, vertex: int, x: float, y: float) -> DrapedLayer:
-    """Return the layer with another vertex (m) of a feature, after one that is not the last of its line."""
-    return _with_line(layer, feature, vertex, lambda line, at: np.insert(line, at + 1, (x, y), axis=0))
-
-
-def delete_vertex(layer: DrapedLayer, feature: Feature, vertex: int) -> DrapedLayer:
-    """Return the layer without a vertex of a feature; the last point of a part takes the part with it."""
-    return _with_line(layer, feature, vertex, lambda line, at: np.delete(line, at, axis=0))
-
-
-def _with_line(
-    layer: DrapedLayer, feature: Feature, vertex: int, change: Callable[[Float64Array, int], Float64Array]
-) -> DrapedLayer:
-    """Return the layer with one point, line or ring of a feature changed, given the vertex's place in it."""
-    shape, first = feature.geometry, 0
-    kind = shape.geom_type.removeprefix("Multi")
-    count = shapely.get_num_coordinates(shape) if kind in _MAKERS else 0  # not in collections
-    if not 0 <= vertex < count:
-        raise InputError(f"feature {feature.id}: vertex {vertex}: expected 0 to {count - 1}")
-    (least, make), is_area = _MAKERS[kind], int(kind == "Polygon")
-    parts = [_lines(part) for part in shapely.get_parts(shape)]
-    for part in parts:
-        for number, line in enumerate(part):
-            if 0 <= (at := vertex - first) < len(line):
-                count = len(line) - is_area
-                changed = change(line[:count], at % count)
-                part[number] = np.concatenate([changed, changed[:is_area]])
-            if not np.isfinite(part[number]).all():
-                raise InputError(f"feature {feature.id}: expected finite coordinates")
-            if kind == "Point" and len(part[number]) > 1:
-                raise InputError(f"feature {feature.id}: expected a line or an area to insert a vertex in")
-            first += len(line)
-    shapes = [
-        make([part[0], *(hole for hole in part[1:] if len(hole) >= least)])
-        for part in parts
-        if len(part[0]) >= least
-    ]
-    if not shapes:
-        return delete_feature(layer, feature)
-    return with_geometry(layer, feature, shapes[0] if shape.geom_type == kind else type(shape)(shapes))
-
-
-_MAKERS: Final[dict[str, tuple[int, Callable[[list[Float64Array]], BaseGeometry]]]] = {
-    "Point": (1, lambda lines: shapely.Point(lines[0][0])),
-    "LineString": (2, lambda lines: shapely.LineString(lines[0])),
-    "Polygon": (4, lambda rings: shapely.Polygon(rings[0], rings[1:])),
-}
-"""By kind of part: the fewest coordinates of a line or ring, and how a part is made of them."""
-
-
-def _lines(part: BaseGeometry) -> list[Float64Array]:
-    """Return the coordinates of a point or line, or of the rings of an area."""
-    rings = shapely.get_rings(part) if part.geom_type == "Polygon" else [part]
-    return [shapely.get_coordinates(ring) for ring in rings]
-
-
-def with_geometry(layer: DrapedLayer, feature: Feature, geometry: BaseGeometry) -> DrapedLayer:
-    """Return the layer with another geometry (m) of a feature; raise InputError if it becomes invalid."""
-    if shapely.is_valid(feature.geometry):
-        _check(geometry, f"feature {feature.id}")
-    return _with_edit(layer, feature.id, shapely.to_wkb(geometry), feature.properties)
-
-
-def _check(geometry: BaseGeometry, what: str) -> None:
-    if not shapely.is_valid(geometry):
-        reason = one_line(shapely.is_valid_reason(geometry))[:80]
-        raise InputError(f"{what}: expected a valid geometry ({reason})")
-
-
-def _with_edit(layer: DrapedLayer, number: int, wkb: bytes, properties: Mapping[str, _Value]) -> DrapedLayer:
-    edit = FeatureEdit(number, wkb, tuple(properties.items()))
-    return layer.replace(edits={**layer.edits, number: edit})
-
-
-def set_properties(layer: DrapedLayer, feature: Feature, values: Mapping[str, _Value]) -> DrapedLayer:
-    """Return the layer with other values of some properties of a feature; None is no value."""
-    return _with_edit(layer, feature.id, shapely.to_wkb(feature.geometry), {**feature.properties, **values})
-
-
-def create_feature(
-    layer: DrapedLayer, source: VectorSource, geometry: BaseGeometry, properties: Mapping[str, _Value]
-) -> tuple[DrapedLayer, int]:
-    """Return the layer with another feature, and its id; raise InputError if its geometry (m) is invalid."""
-    number = source.updated(layer).next_id
-    _check(geometry, "new feature")
-    return _with_edit(layer, number, shapely.to_wkb(geometry), properties), number
-
-
-def delete_feature(layer: DrapedLayer, feature: Feature) -> DrapedLayer:
-    """Return the layer without a feature."""
-    return _with_edit(layer, feature.id, b"", {})
+        Raise InputError if a feature becomes invalid.
+        """
+        edits = {**self.layer.edits, **{number: FeatureEdit(number) for number in remove}}
+        left, new = set(remove), self.next_id
+        for feature in add:
+            what, is_valid = f"feature {feature.id}" if feature.id in left else "new feature", True
+            if not np.isfinite(np.concatenate(feature.rings)).all():
+                raise InputError(f"{what}: expected finite coordinates")
+            shape = shape_of(feature)
+            if feature.id in left:
+                before = self.source.feature(feature.id).geometry
+                if before.geom_type == "GeometryCollection":
+                    raise InputError(f"{what}: expected points, lines or areas, not several kinds of parts")
+                is_valid = bool(shapely.is_valid(before))
+                if before.geom_type != shape.geom_type and before.geom_type.startswith("Multi"):
+                    shape = type(before)([shape])
+            if is_valid and not shapely.is_valid(shape):
+                reason = one_line(shapely.is_valid_reason(shape))[:80]
+                raise InputError(f"{what}: expected a valid geometry ({reason})")
+            number = feature.id if feature.id in left else new
+            left, new = left - {number}, new + (number == new)
+            edits[number] = FeatureEdit(number, shapely.to_wkb(shape), tuple(feature.properties.items()))
+        layer = self.layer.replace(edits=edits)
+        return DrapedFeatures(layer, self.source.updated(layer))
 
 
 def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:

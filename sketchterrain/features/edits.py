@@ -1,50 +1,87 @@
-"""Edits of vector layers: nodes, vertices, lines, and features as text; each returns another layer."""
+"""Edits of tables of features: nodes, vertices, lines, and features as text; each returns another table."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Final, Protocol, Self, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.errors import InputError
 from sketchterrain.features.table import (
     AREA,
     LINE,
+    POINT,
     VectorFeature,
     VectorLayer,
     on_grid,
     property_columns,
-    repeats,
-    starts,
 )
+from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.schema.layers import WAY_LAYERS
-from sketchterrain.schema.parameters import Value
+from sketchterrain.schema.parameters import Properties, Value
 
-_COMPLEX = np.array([1.0, 1.0j])  # makes one number of a position
+if TYPE_CHECKING:  # it takes a quarter of a second
+    from shapely.geometry.base import BaseGeometry
+
+DRAPED: Final = "drape"
+"""The name of draped layers in `to_text`."""
+
+_COMPLEX: Final = np.array([1.0, 1.0j])  # makes one number of a position
+
+
+class Features(Protocol):
+    """Features by id, of a layer of the sketch or of a draped one."""
+
+    def feature(self, name: int, /) -> VectorFeature:
+        """Return a feature by its id."""
+
+    def features_at(self, x: float, y: float, /) -> Iterable[VectorFeature]:
+        """Return the features with a vertex at a position (m)."""
+
+    def edited(self, remove: Sequence[int] = (), add: Sequence[VectorFeature] = ()) -> Self:
+        """Return the table without some features, and with others, in their places or appended."""
+
+
+Table = TypeVar("Table", bound=Features)
+
+
+def feature_of(shape: BaseGeometry, properties: Properties, name: int = 0) -> VectorFeature:
+    """Return a feature of points, lines or areas, single or several."""
+    import shapely
+
+    kind = int(shapely.get_dimensions(shape))
+    single = shapely.get_parts(shape)
+    single = single[shapely.get_dimensions(single) == kind]
+    parts = [list(shapely.get_rings(each)) if kind == AREA else [each] for each in single]
+    end = -1 if kind == AREA else None
+    rings = tuple(shapely.get_coordinates(ring)[:end] for part in parts for ring in part)
+    firsts = np.cumsum([0, *map(len, parts[:-1])]).tolist()
+    return VectorFeature(kind, rings, 1, properties, name, tuple(firsts))
+
+
+def shape_of(feature: VectorFeature) -> BaseGeometry:
+    """Return a feature's points, lines or areas."""
+    import shapely
+
+    single, several = {
+        POINT: (lambda rings: shapely.Point(rings[0][0]), shapely.MultiPoint),
+        LINE: (lambda rings: shapely.LineString(rings[0]), shapely.MultiLineString),
+        AREA: (lambda rings: shapely.Polygon(rings[0], rings[1:]), shapely.MultiPolygon),
+    }[feature.kind]
+    ends = [*feature.parts[1:], len(feature.rings)]
+    shapes = [single(feature.rings[first:end]) for first, end in zip(feature.parts, ends, strict=True)]
+    return shapes[0] if len(shapes) == 1 else several(shapes)
 
 
 def network_layers(name: str) -> tuple[str, ...]:
     """Return the layers that share nodes with a layer, itself first: ways of all kinds are one network."""
     return (name, *(each for each in WAY_LAYERS if each != name)) if name in WAY_LAYERS else (name,)
-
-
-def nearest_vertex(
-    layer: VectorLayer, x: float, y: float, radius: float, *, other_than: tuple[float, float] | None = None
-) -> int | None:
-    """Return the number of the vertex nearest to a position, within a radius (m)."""
-    best: int | None = None
-    for first, piece in layer.pieces_near(x - radius, y - radius, x + radius, y + radius):
-        distance = np.hypot(*(piece.vertices - (x, y)).T)
-        if other_than is not None:
-            distance[(piece.vertices == on_grid(other_than)).all(axis=1)] = np.inf
-        nearest = int(np.argmin(distance))
-        if distance[nearest] < radius or (distance[nearest] == radius and best is None):
-            best, radius = first + nearest, float(distance[nearest])
-    return best
 
 
 def vertices_at(layer: VectorLayer, x: float, y: float) -> Int64Array:
@@ -57,12 +94,36 @@ def vertices_at(layer: VectorLayer, x: float, y: float) -> Int64Array:
     return np.concatenate([np.zeros(0, np.int64), *found])
 
 
+def move_nodes(layer: VectorLayer, starts: Float64Array, ends: Float64Array) -> VectorLayer:
+    """Move nodes from positions (n, 2) to others (m); at those of other nodes they are one."""
+    numbers = vertices_among(layer, starts)
+    if not len(numbers):
+        return layer
+    keys, order = np.unique(on_grid(starts) @ _COMPLEX, return_index=True)
+    ends, own = on_grid(ends)[order], layer.with_vertices(numbers)
+    moved = []
+    for feature in map(own.feature, own.ids.tolist()):
+        vertices = np.concatenate(feature.rings)
+        at = np.minimum(np.searchsorted(keys, vertices @ _COMPLEX), len(keys) - 1)
+        is_node = (keys[at] == vertices @ _COMPLEX)[:, None]
+        moved.append(rebuilt(feature, np.where(is_node, ends[at], vertices), ring_numbers(feature)))
+    return layer.edited(own.ids.tolist(), [each for each in moved if each is not None])
+
+
 def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
-    """Move a node from a position to another (m); at that of another node they are one."""
-    own = layer.with_vertices(vertices_at(layer, *start))
-    at = (own.vertices == on_grid(start)).all(axis=1)[:, None]
-    moved = _rebuilt(own, np.where(at, on_grid(end), own.vertices), np.ones(len(at), np.bool_))
-    return layer.edited(own.ids.tolist(), moved)
+    """Move a node from a position to another (m)."""
+    return move_nodes(layer, np.array([start]), np.array([end]))
+
+
+def vertices_among(layer: VectorLayer, places: Float64Array) -> Int64Array:
+    """Return the numbers of the vertices at positions (n, 2), m."""
+    if len(places) == 1:
+        return vertices_at(layer, *places[0].tolist())
+    places = on_grid(places)
+    near = layer.pieces_near(*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
+    keys = places @ _COMPLEX
+    found = [first + np.flatnonzero(np.isin(piece.vertices @ _COMPLEX, keys)) for first, piece in near]
+    return np.concatenate([np.zeros(0, np.int64), *found])
 
 
 def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArray:
@@ -76,74 +137,86 @@ def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArr
     return np.asarray(counts[np.searchsorted(found, places @ _COMPLEX)] > 1)
 
 
-def insert_vertices(layer: VectorLayer, after: Int64Array, places: Float64Array) -> VectorLayer:
-    """Insert vertices at positions (n, 2), m, each after one by its number, in the same ring; ascending."""
-    own = layer.with_vertices(after)
-    numbers = _numbers_in(own, layer, after)
-    order = np.argsort(numbers, kind="stable")
-    numbers, places = numbers[order], places[order]
-    rings = own.rings + np.searchsorted(numbers, own.rings)
-    longer = replace(own, vertices=np.insert(own.vertices, numbers + 1, places, axis=0), rings=rings)
-    return layer.edited(own.ids.tolist(), longer)
+def ring_numbers(feature: VectorFeature) -> Int64Array:
+    """Return the number of each vertex's ring."""
+    return np.repeat(np.arange(len(feature.rings)), [len(ring) for ring in feature.rings])
 
 
-def delete_vertex(layer: VectorLayer, vertex: int) -> VectorLayer:
-    """Delete a vertex by its number; what then has too few is deleted: a line, an area or a hole."""
-    own = layer.with_vertices(np.array([vertex]))
-    keep = np.ones(len(own.vertices), np.bool_)
-    keep[_numbers_in(own, layer, np.array([vertex]))] = False
-    return layer.edited(own.ids.tolist(), _rebuilt(own, own.vertices, keep))
+def rebuilt(feature: VectorFeature, vertices: Float64Array, ring: Int64Array) -> VectorFeature | None:
+    """Return a feature with other vertices in its rings, None if it has too few then.
+
+    Repeats are left out, and rings that are too small, of a border with its holes.
+    """
+    rings, parts, has_border = list[Float64Array](), list[int](), False
+    for number in range(len(feature.rings)):
+        places = drop_repeats(vertices[ring == number])
+        if feature.kind == AREA and len(places) > 1 and (places[0] == places[-1]).all():
+            places = places[1:]
+        if number in feature.parts:
+            has_border = len(places) > feature.kind  # a line has two vertices, an area three
+        if has_border and len(places) > feature.kind:
+            parts += [len(rings)] if number in feature.parts else []
+            rings.append(places)
+    return replace(feature, rings=tuple(rings), parts=tuple(parts)) if rings else None
 
 
-def _numbers_in(own: VectorLayer, layer: VectorLayer, vertices: Int64Array) -> Int64Array:
-    """Return the numbers in a layer of some features of vertices of another that has these features."""
-    ranges = [(own.vertices_of(name).start, layer.vertices_of(name)) for name in own.ids.tolist()]
-    starts_of = np.array([(start, each.start) for start, each in ranges])
-    which = np.array([[vertex in each for _, each in ranges].index(True) for vertex in vertices.tolist()])
-    return np.asarray(vertices + (starts_of[which, 0] - starts_of[which, 1]))
+def with_places(table: Table, name: int, places: Float64Array) -> Table:
+    """Move the vertices of a feature, but not their nodes, to positions (n, 2), m."""
+    feature = table.feature(name)
+    return _with_vertices(table, feature, places, ring_numbers(feature))
 
 
-def _rebuilt(layer: VectorLayer, vertices: Float64Array, keep: BoolArray) -> VectorLayer:
-    """Return the layer with moved vertices, without some, without repeats and without what is too small."""
-    kinds, ring = layer.kinds[layer.feature_of_ring], layer.ring_of_vertex
-    keep = keep.copy()
-    keep[keep] = ~repeats(vertices[keep], ring[keep], kinds == AREA)
-    counts = np.bincount(ring[keep], minlength=len(kinds))
-    small = counts <= kinds  # a line has two vertices, an area three
-    gone = small[layer.parts[:-1]]
-    if gone.any():
-        own = ~gone[layer.feature_of_ring[ring]]
-        return _rebuilt(layer.edited(remove=layer.ids[gone].tolist()), vertices[own], keep[own])
-    parts = np.bincount(layer.feature_of_ring[~small], minlength=len(layer))
-    return replace(
-        layer, vertices=vertices[keep & ~small[ring]], rings=starts(counts[~small]), parts=starts(parts)
-    )
+def insert_vertices(table: Table, name: int, after: npt.ArrayLike, places: npt.ArrayLike) -> Table:
+    """Insert vertices at positions (n, 2), m, in a feature, each after one by its number; ascending."""
+    feature, at = table.feature(name), np.asarray(after)
+    if feature.kind == POINT:
+        raise InputError("vertices are inserted in lines and areas")
+    vertices = np.insert(np.concatenate(feature.rings), at + 1, places, axis=0)
+    ring = ring_numbers(feature)
+    return _with_vertices(table, feature, vertices, np.insert(ring, at + 1, ring[at]))
 
 
-def split_line(layer: VectorLayer, name: int, index: int) -> VectorLayer:
+def delete_vertex(table: Table, name: int, index: int) -> Table:
+    """Delete a vertex of a feature; what then has too few is deleted: a line, an area or a hole."""
+    feature = table.feature(name)
+    vertices, ring = np.concatenate(feature.rings), ring_numbers(feature)
+    if not 0 <= index < len(vertices):
+        raise InputError(f"vertex {index}: expected 0 to {len(vertices) - 1}")
+    return _with_vertices(table, feature, np.delete(vertices, index, axis=0), np.delete(ring, index))
+
+
+def _with_vertices(table: Table, feature: VectorFeature, vertices: Float64Array, ring: Int64Array) -> Table:
+    changed = rebuilt(feature, vertices, ring)
+    return table.edited([feature.id], [changed] if changed else [])
+
+
+def split_line(table: Table, name: int, index: int) -> Table:
     """Split a line at one of its inner vertices into two that share it; the second one has the last id."""
-    line = layer.feature(name)
-    if line.kind != LINE or not 0 < index < len(line.rings[0]) - 1:
+    line = table.feature(name)
+    if not _is_line(line) or not 0 < index < len(line.rings[0]) - 1:
         raise InputError("a line is split at a vertex between its ends")
     first, second = line.rings[0][: index + 1], line.rings[0][index:]
-    return layer.edited([name], [replace(line, rings=(first,)), replace(line, rings=(second,), id=0)])
+    return table.edited([name], [replace(line, rings=(first,)), replace(line, rings=(second,), id=0)])
 
 
-def join_lines(layer: VectorLayer, name: int, index: int | None = None) -> VectorLayer:
+def _is_line(feature: VectorFeature) -> bool:
+    return feature.kind == LINE and len(feature.rings) == 1
+
+
+def join_lines(table: Table, name: int, index: int | None = None) -> Table:
     """Join a line with the one that shares an end with it, that of vertex `index` if it is an end.
 
     Of several it is the one that continues it most nearly straight. The line keeps id, direction and
     properties.
     """
-    line = layer.feature(name)
+    line = table.feature(name)
     places = line.rings[0]
     ends = [end for end in (0, -1) if index in (None, end % len(places))] or [0, -1]
     found: list[tuple[float, Float64Array, int]] = []
-    for end in ends if line.kind == LINE else ():
+    for end in ends if _is_line(line) else ():
         one = places[::-1] if end == 0 else places  # the end that is shared is its last
-        near = layer.with_vertices(vertices_at(layer, *one[-1]))
-        for feature in map(near.feature, near.ids.tolist()):
-            if feature.id == name or feature.kind != LINE:
+        for feature in table.features_at(*one[-1].tolist()):
+            if feature.id == name or not _is_line(feature):
                 continue
             for rest in (feature.rings[0], feature.rings[0][::-1]):
                 if (rest[0] == one[-1]).all():
@@ -153,7 +226,7 @@ def join_lines(layer: VectorLayer, name: int, index: int | None = None) -> Vecto
     if not found:
         raise InputError("no other line shares an end with this one")
     _, both, other_name = min(found, key=lambda each: each[0])
-    return layer.edited([name, other_name], [replace(line, rings=(both,))])
+    return table.edited([name, other_name], [replace(line, rings=(both,))])
 
 
 def _turn(before: Float64Array, after: Float64Array) -> float:
@@ -169,22 +242,22 @@ def change_layer(
     return source.edited(remove=[name]), target.edited(add=[feature])
 
 
-def reverse_line(layer: VectorLayer, name: int) -> VectorLayer:
+def reverse_line(table: Table, name: int) -> Table:
     """Reverse the order of a line's vertices."""
-    line = layer.feature(name)
+    line = table.feature(name)
     if line.kind != LINE:
         raise InputError("only lines can be reversed")
-    return layer.edited([name], [replace(line, rings=(line.rings[0][::-1],))])
+    return table.edited([name], [replace(line, rings=tuple(ring[::-1] for ring in line.rings))])
 
 
-def set_value(layer: VectorLayer, name: int, key: str, value: Value | None) -> VectorLayer:
-    """Set a property of a feature, or its ``label``; None removes its own value."""
-    feature = layer.feature(name)
-    if key == "label":
-        return layer.edited([name], [replace(feature, label=int(value or 1))])
+def set_value(table: Table, name: int, key: str, value: Value | None) -> Table:
+    """Set a property of a feature, or of the sketch's own its ``label``; None removes its own value."""
+    feature = table.feature(name)
+    if key == "label" and isinstance(table, VectorLayer):
+        return table.edited([name], [replace(feature, label=int(value or 1))])
     rest = {other: own for other, own in feature.properties.items() if other != key}
     properties = rest if value is None else {**rest, key: value}
-    return layer.edited([name], [replace(feature, properties=properties)])
+    return table.edited([name], [replace(feature, properties=properties)])
 
 
 def moved(feature: VectorFeature, east: float, north: float) -> VectorFeature:
@@ -192,36 +265,35 @@ def moved(feature: VectorFeature, east: float, north: float) -> VectorFeature:
     return replace(feature, rings=tuple(ring + np.array([east, north]) for ring in feature.rings), id=0)
 
 
-def to_text(layer: VectorLayer, names: Sequence[int]) -> str:
-    """Return features as GeoJSON, in metres from the sketch's south-west corner, with their layer."""
+def to_text(name: str, features: Sequence[VectorFeature]) -> str:
+    """Return features as GeoJSON, in metres from the sketch's south-west corner, with their layer's name."""
     import shapely
 
-    indices = [layer.index(name) for name in names]
-    features = [
-        {"type": "Feature", "geometry": json.loads(geometry), "properties": {**own, "label": label}}
-        for geometry, own, label in zip(
-            shapely.to_geojson(layer.shapes()[indices]),
-            layer.properties(indices),
-            layer.labels[indices].tolist(),
-            strict=True,
-        )
+    rows = [
+        {
+            "type": "Feature",
+            "geometry": json.loads(shapely.to_geojson(shape_of(each))),
+            "properties": {**each.properties, "label": each.label},
+        }
+        for each in features
     ]
-    return json.dumps({"type": "FeatureCollection", "sketchterrain": layer.layer, "features": features})
+    return json.dumps({"type": "FeatureCollection", "sketchterrain": name, "features": rows})
 
 
 def from_text(text: str) -> tuple[str, list[VectorFeature]]:
-    """Return the layer and features of `to_text`, without ids; raise InputError for another text."""
+    """Return the layer's name and features of `to_text`, without ids; raise InputError for another text."""
     import shapely
 
     try:
         table = json.loads(text)
-        name, features = table["sketchterrain"], table["features"]
-        shapes = shapely.from_geojson([json.dumps(each["geometry"]) for each in features])
-        columns = property_columns([each["properties"] for each in features])
-        labels = columns.pop("label")
-        layer = VectorLayer.from_shapes(name, shapes, labels=labels, columns=columns)
-        if not len(layer):
+        name, rows = table["sketchterrain"], [dict(each["properties"]) for each in table["features"]]
+        shapes = shapely.from_geojson([json.dumps(each["geometry"]) for each in table["features"]])
+        labels = [row.pop("label") for row in rows]
+        if not rows:
             raise ValueError("no features")
+        if name == DRAPED:
+            return name, [feature_of(shape, row) for shape, row in zip(shapes, rows, strict=True)]
+        layer = VectorLayer.from_shapes(name, shapes, labels=labels, columns=property_columns(rows))
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError, shapely.GEOSException):
         raise InputError("expected vectors copied from a sketch") from None
-    return layer.layer, [replace(layer.feature(each), id=0) for each in layer.ids.tolist()]
+    return name, [replace(layer.feature(each), id=0) for each in layer.ids.tolist()]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,11 +13,13 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.features.table import LINE, VectorLayer
+from sketchterrain.features.edits import Features
+from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer, on_grid
 from sketchterrain.geometry.splines import cubics
 
 if TYPE_CHECKING:  # it takes a quarter of a second
     import shapely
+    from shapely.geometry.base import BaseGeometry
 
 _PIECES: Final = 16  # straight ones of a curve between two vertices
 _POWERS: Final = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
@@ -143,3 +146,80 @@ def _sampled(vertices: Float64Array, lengths: Int64Array) -> tuple[Float64Array,
     within = np.ones((len(vertices), _PIECES), np.bool_)
     within[last, 1:] = False
     return np.swapaxes(curves, 1, 2)[within], np.repeat(line, _PIECES)[within.ravel()]
+
+
+def outline_of(table: Features, feature: VectorFeature) -> BaseGeometry:
+    """Return a feature's line or rings as they are drawn, with vertices in their order."""
+    import shapely
+
+    if isinstance(table, VectorLayer):
+        return curves_of(table).outlines[table.index(feature.id)]
+    closed = [np.append(ring, ring[:1], axis=0) if feature.kind == AREA else ring for ring in feature.rings]
+    return shapely.MultiLineString(closed)
+
+
+def nearest_place(
+    feature: VectorFeature, outline: BaseGeometry, x: float, y: float
+) -> tuple[float, int, tuple[float, float]]:
+    """Return the place on a line or border nearest to a position (m): distance, vertex before it, place."""
+    import shapely
+
+    point, lines = shapely.Point(x, y), shapely.get_parts(outline)
+    distance = shapely.distance(lines, point)
+    part = int(np.argmin(distance))
+    line, ring = lines[part], feature.rings[part]
+    along = line.project(point)
+    ends = np.cumsum(np.hypot(*np.diff(shapely.get_coordinates(line), axis=0).T))
+    pieces = len(ends) // (len(ring) - int(feature.kind == LINE))
+    after = (
+        sum(map(len, feature.rings[:part])) + int(np.searchsorted(ends[:-1], along, side="right")) // pieces
+    )
+    return float(distance[part]), after, _pair(line.interpolate(along).coords[0])
+
+
+class NearFeatures(Features, Protocol):
+    """Features that are found by their place."""
+
+    def near(self, x: float, y: float, reach: float, /) -> Iterable[VectorFeature]:
+        """Return the features that may be within a distance (m) of a position."""
+
+
+def _near(table: VectorLayer | NearFeatures, x: float, y: float, reach: float) -> Iterable[VectorFeature]:
+    if not isinstance(table, VectorLayer):
+        return table.near(x, y, reach)
+    rows, distance, _ = curves_of(table).near(x, y, reach)
+    return [table.feature(name) for name in table.ids[rows[distance <= reach]].tolist()]
+
+
+def _pair(place: npt.ArrayLike) -> tuple[float, float]:
+    x, y = on_grid(place).tolist()
+    return x, y
+
+
+def snapped(
+    tables: Iterable[VectorLayer | NearFeatures],
+    x: float,
+    y: float,
+    reach: float,
+    *,
+    other_than: tuple[float, float] | None = None,
+) -> tuple[float, float] | None:
+    """Return the nearest vertex of layers, else place on a line or border, within a distance (m).
+
+    `other_than`: not the node at a position, nor what is connected to it.
+    """
+    vertices, lines = [np.zeros((0, 2))], []
+    for table in tables:
+        for feature in _near(table, x, y, reach):
+            places = np.concatenate(feature.rings)
+            is_node = (places == (np.nan if other_than is None else other_than)).all(axis=1)
+            vertices.append(places[~is_node])
+            if feature.kind != POINT and not is_node.any():
+                lines.append((table, feature))
+    nodes = np.concatenate(vertices)
+    away = np.hypot(*(nodes - (x, y)).T)
+    if away.min(initial=np.inf) <= reach:
+        return _pair(nodes[np.argmin(away)])
+    found = [nearest_place(each, outline_of(table, each), x, y) for table, each in lines]
+    distance, _, place = min(found, default=(np.inf, 0, (x, y)))
+    return place if distance <= reach else None

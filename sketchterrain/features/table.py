@@ -152,6 +152,7 @@ class VectorFeature:
     label: int = 1
     properties: Properties = field(default_factory=dict)  # those that differ from the label's, and others
     id: int = 0  # 0: the next free one
+    parts: tuple[int, ...] = (0,)  # the number of each part's first ring; in the sketch's layers one part
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,6 +353,14 @@ class VectorLayer:
         (properties,) = piece.properties([index])
         return VectorFeature(int(piece.kinds[index]), rings, int(piece.labels[index]), properties, name)
 
+    def features_at(self, x: float, y: float) -> Iterator[VectorFeature]:
+        """Yield the features with a vertex at a position (m)."""
+        x, y = on_grid([x, y]).tolist()
+        for _, piece in self.pieces_near(x, y, x, y):
+            if piece.has_easting(x):
+                found = piece.ring_of_vertex[(piece.vertices == (x, y)).all(axis=1)]
+                yield from map(piece.feature, np.unique(piece.ids[piece.feature_of_ring[found]]).tolist())
+
     def pieces_near(
         self, west: float, south: float, east: float, north: float
     ) -> Iterator[tuple[int, VectorLayer]]:
@@ -430,9 +439,14 @@ class VectorLayer:
             raise _too_many_vertices(self.layer, edited.vertex_count)
         return edited
 
+    @property
+    def next_id(self) -> int:
+        """The id of the next new feature."""
+        return 1 + int(self._reach[:, 1].max(initial=0))
+
     def _layer_of(self, features: Sequence[VectorFeature]) -> VectorLayer:
         """Return new features as a layer, with the next free ids."""
-        free = 1 + int(self._reach[:, 1].max(initial=0))
+        free = self.next_id
         own = [ring for each in features for ring in each.rings]
         return VectorLayer(
             self.layer,

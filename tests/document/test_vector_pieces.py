@@ -53,15 +53,14 @@ def random_edit(rng: np.random.Generator, layer: VectorLayer) -> VectorLayer:
     name = int(rng.choice(layer.ids))
     feature = layer.feature(name)
     (x, y), index = feature.rings[0][0].tolist(), int(rng.integers(len(feature.rings[0])))
-    number = layer.vertices_of(name)[index]
     match int(rng.integers(6)):
         case 0:
             return edits.move_node(layer, (x, y), (x + 7.0, y - 3.0))
         case 1:
             place = 0.5 * (feature.rings[0][index] + np.roll(feature.rings[0], -1, axis=0)[index])
-            return edits.insert_vertices(layer, np.array([number]), place[None])
+            return edits.insert_vertices(layer, name, [index], [place])
         case 2:
-            return edits.delete_vertex(layer, number)
+            return edits.delete_vertex(layer, name, index)
         case 3:
             return edits.set_value(layer, name, "crop", str(rng.choice(["maize", "wheat"])))
         case 4:

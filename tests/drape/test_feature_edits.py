@@ -10,19 +10,11 @@ import pytest
 import shapely
 
 from sketchterrain.document.drapes import draped_layer
-from sketchterrain.drape.feature_edits import (
-    create_feature,
-    delete_feature,
-    delete_vertex,
-    insert_vertex,
-    move_feature,
-    move_vertex,
-    rotate_feature,
-    save_layer,
-    scale_feature,
-    set_properties,
-)
+from sketchterrain.drape.feature_edits import DrapedFeatures, save_layer
 from sketchterrain.errors import InputError
+from sketchterrain.features import edits
+from sketchterrain.features.picking import nearest_place, outline_of
+from sketchterrain.features.table import AREA, VectorFeature
 from tests.drape.test_vector_sources import opened, random_shapes, write, write_as_is
 
 HOLED = shapely.Polygon([(0, 0), (40, 0), (40, 40), (0, 40)], [[(10, 10), (20, 10), (20, 20), (10, 20)]])
@@ -43,75 +35,68 @@ def drapes(tmp_path):
     return opened(draped_layer(path, unit="m", fill="#00ff00"))
 
 
-def edited(drapes, layer, number):
-    return drapes.updated([layer]).feature(0, number).geometry
+@pytest.fixture
+def table(drapes):
+    return DrapedFeatures.from_drapes(drapes, 0)
 
 
-def test_features_are_moved_rotated_and_scaled_with_their_parts_and_holes(drapes) -> None:
-    layer = drapes.layers[0]
-    for number in range(6):
-        feature = drapes.feature(0, number)
-        shape = feature.geometry
-        turned = edited(drapes, rotate_feature(layer, feature, 90.0, (5.0, 5.0)), number)
-        expected = shapely.transform(shape, lambda at: 5.0 + np.stack([5.0 - at[:, 1], at[:, 0] - 5.0], -1))
-        assert shapely.equals_exact(turned, expected, 1e-9)
-        wider = edited(drapes, scale_feature(layer, feature, (2.0, 0.5), (0.0, 0.0)), number)
-        assert shapely.equals_exact(wider, shapely.transform(shape, lambda at: at * (2.0, 0.5)), 1e-9)
-        moved = edited(drapes, move_feature(layer, feature, 3.0, -4.0), number)
-        assert shapely.equals_exact(
-            moved, shapely.transform(shape, lambda at: at + np.array([3.0, -4.0])), 1e-9
-        )
-        assert shapely.get_num_geometries(moved) == shapely.get_num_geometries(shape)
-    with pytest.raises(InputError, match="no zero"):
-        scale_feature(layer, drapes.feature(0, 0), (0.0, 1.0), (0.0, 0.0))
+def shape(table, number):
+    return table.source.feature(number).geometry
 
 
-def test_each_vertex_can_be_moved_inserted_and_deleted(drapes) -> None:
-    layer = drapes.layers[0]
-    for number in range(5):
-        feature = drapes.feature(0, number)
-        before = shapely.get_coordinates(feature.geometry)
-        for vertex, (x, y) in enumerate(before.tolist()):
-            moved = shapely.get_coordinates(
-                edited(drapes, move_vertex(layer, feature, vertex, x + 0.5, y + 0.25), number)
-            )
-            same = (before == before[vertex]).all(axis=1)
-            if number == 4:  # two lines that begin at one place are not joined
-                same = np.arange(len(before)) == vertex
-            assert np.array_equal(moved[~same], before[~same])
-            assert np.allclose(moved[vertex], (x + 0.5, y + 0.25))
-            with suppress(InputError):  # a hole would lie outside
-                fewer = delete_vertex(layer, feature, vertex)
-                assert len(shapely.get_coordinates(edited(drapes, fewer, number))) < len(before)
-    line, holed = drapes.feature(0, 0), drapes.feature(0, 1)
-    assert list(edited(drapes, insert_vertex(layer, line, 0, 5, 1), 0).coords)[:3] == [
-        (0, 0),
-        (5, 1),
-        (10, 0),
-    ]
-    more = edited(drapes, insert_vertex(layer, holed, 6, 20, 15), 1)
-    assert more.interiors[0].length == HOLED.interiors[0].length
-    assert len(more.interiors[0].coords) == 6
-    several = edited(drapes, insert_vertex(layer, drapes.feature(0, 2), 13, 75, -5), 2)
-    assert several.area == SEVERAL.area + 75.0
-    point = delete_vertex(layer, drapes.feature(0, 3), 0)
-    assert edited(drapes, point, 3).equals(shapely.MultiPoint([(5, 5)]))
-    triangle = delete_vertex(layer, holed, 5)
-    triangle = delete_vertex(triangle, drapes.updated([triangle]).feature(0, 1), 5)
-    assert not edited(drapes, triangle, 1).interiors  # a hole of two corners is none
-
-
-def test_edits_that_are_no_features_are_one_line_each(drapes) -> None:
-    layer, holed = drapes.layers[0], drapes.feature(0, 1)
+def test_features_are_moved_rotated_and_scaled_with_their_parts_and_holes(table) -> None:
     for change in (
-        lambda: move_vertex(layer, holed, 1, -30.0, 20.0),  # crosses itself
-        lambda: move_vertex(layer, holed, 99, 0.0, 0.0),
-        lambda: move_vertex(layer, holed, 0, np.nan, 0.0),
-        lambda: create_feature(layer, drapes.sources[0], shapely.Polygon(), {}),
-        lambda: create_feature(layer, drapes.sources[0], drapes.feature(0, 5).geometry, {}),
-        lambda: drapes.updated([delete_feature(layer, holed)]).feature(0, 1),
+        lambda at: at @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + 5.0,
+        lambda at: at * (2.0, 0.5),
+        lambda at: at - np.array([3.0, -4.0]),
+    ):
+        for number in range(6):
+            before = shape(table, number)
+            moved = edits.with_places(table, number, change(np.concatenate(table.feature(number).rings)))
+            after = shape(moved, number)
+            assert shapely.equals_exact(after, shapely.transform(before, change), 1e-9)
+            assert shapely.get_num_geometries(after) == shapely.get_num_geometries(before)
+
+
+def test_each_vertex_can_be_moved_inserted_and_deleted(table) -> None:
+    for number in range(5):
+        before = np.concatenate(table.feature(number).rings)
+        for vertex in range(len(before)):
+            places = before + (np.arange(len(before)) == vertex)[:, None] * (0.5, 0.25)
+            moved = edits.with_places(table, number, places)
+            assert np.array_equal(np.concatenate(moved.feature(number).rings), places)
+            with suppress(InputError):  # a hole would lie outside
+                fewer = edits.delete_vertex(table, number, vertex)
+                assert len(np.concatenate(fewer.feature(number).rings)) < len(before)
+    line = shape(edits.insert_vertices(table, 0, [0], [(5.0, 1.0)]), 0)
+    assert list(line.coords)[:3] == [(0, 0), (5, 1), (10, 0)]
+    for number, (x, y), more in ((1, (20.0, 15.0), 0.0), (2, (75.0, -5.0), 75.0)):
+        feature = table.feature(number)
+        _, after, _ = nearest_place(feature, outline_of(table, feature), x, y)
+        longer = edits.insert_vertices(table, number, [after], [(x, y)])
+        assert shape(longer, number).area == shape(table, number).area + more
+        assert sum(map(len, longer.feature(number).rings)) == sum(map(len, feature.rings)) + 1
+    assert shape(edits.delete_vertex(table, 3, 0), 3).equals(shapely.MultiPoint([(5, 5)]))
+    fewer = edits.delete_vertex(edits.delete_vertex(table, 1, 4), 1, 4)
+    assert len(fewer.feature(1).rings) == 1  # a hole of two corners is none
+
+
+def test_edits_that_are_no_features_are_one_line_each(drapes, table) -> None:
+    def moved(vertex, place):
+        places = np.concatenate(table.feature(1).rings)
+        places[vertex] = place
+        return edits.with_places(table, 1, places)
+
+    crossed = np.concatenate(table.feature(5).rings)
+    for change in (
+        lambda: moved(1, (-30.0, 20.0)),  # crosses itself
+        lambda: moved(0, (np.nan, 0.0)),
+        lambda: edits.delete_vertex(table, 1, 99),
+        lambda: table.edited(add=[VectorFeature(AREA, (crossed,))]),
+        lambda: table.edited([1]).feature(1),
         lambda: drapes.feature(0, 77),
-        lambda: insert_vertex(layer, drapes.feature(0, 3), 0, 1.0, 1.0),
+        lambda: edits.insert_vertices(table, 3, [0], [(1.0, 1.0)]),
+        lambda: edits.split_line(table, 4, 1),  # of two parts
     ):
         with pytest.raises(InputError) as error:
             change()
@@ -120,14 +105,15 @@ def test_edits_that_are_no_features_are_one_line_each(drapes) -> None:
 
 def changed(drapes):
     """Return the layer with an edit of each kind, and what its features are then."""
-    layer, source = drapes.layers[0], drapes.sources[0]
-    feature = drapes.feature(0, 4)
-    layer = move_feature(layer, feature, 5.0, 5.0)
-    layer = set_properties(layer, drapes.feature(0, 7), {"name": "renamed", "count": None, "note": 1.5})
-    layer = delete_feature(layer, drapes.feature(0, 2))
-    layer, number = create_feature(layer, source, shapely.box(1, 2, 3, 4), {"name": "new", "count": 99})
-    assert number == source.next_id
-    new = drapes.updated([layer])
+    table = DrapedFeatures.from_drapes(drapes, 0)
+    number = table.source.next_id
+    table = edits.with_places(table, 4, np.concatenate(table.feature(4).rings) + 5.0)
+    for name, value in {"name": "renamed", "count": None, "note": 1.5}.items():
+        table = edits.set_value(table, 7, name, value)
+    new = edits.feature_of(shapely.box(1, 2, 3, 4), {"name": "new", "count": 99})
+    table = table.edited([2]).edited(add=[new])
+    assert number in table
+    new = drapes.updated([table.layer])
     ids = [each for each in range(number + 1) if each != 2]
     return new, [new.feature(0, each) for each in ids]
 
@@ -169,8 +155,8 @@ def test_other_tables_of_a_geopackage_and_heights_are_kept(tmp_path) -> None:
     write(path, random_shapes(5), layer="second", append=True)
     write(path, random_shapes(7), layer="third", append=True)
     drapes = opened(draped_layer(path))
-    layer = move_vertex(drapes.layers[0], drapes.feature(0, 0), 1, 20.0, 0.0)
-    saved = save_layer(drapes.updated([layer]), 0, path)
+    table = edits.with_places(DrapedFeatures.from_drapes(drapes, 0), 0, np.array([(0.0, 0.0), (20.0, 0.0)]))
+    saved = save_layer(drapes.updated([table.layer]), 0, path)
     tables = {
         str(name): pyogrio.read_info(path, layer=name)["features"] for name, _ in pyogrio.list_layers(path)
     }
@@ -187,7 +173,7 @@ def test_a_layer_that_cannot_be_saved_leaves_every_file_as_it_was(tmp_path) -> N
     path = write(tmp_path / "map.gpkg", random_shapes(5))
     drapes = opened(draped_layer(path))
     content = path.read_bytes()
-    bad = set_properties(drapes.layers[0], drapes.feature(0, 1), {"number": "many"})
+    bad = edits.set_value(DrapedFeatures.from_drapes(drapes, 0), 1, "number", "many").layer
     (tmp_path / "sketch").mkdir()
     (tmp_path / "sketch/sketch.toml").touch()
     local = opened(draped_layer(write(tmp_path / "own.fgb", random_shapes(2), crs=None)))
@@ -214,6 +200,7 @@ from pathlib import Path
 import numpy as np
 from sketchterrain.document.drapes import draped_layer
 from sketchterrain.drape import feature_edits
+from sketchterrain.features import edits
 from tests.document.save_until_killed import count_calls
 from tests.drape.test_vector_sources import ALL, opened
 path, content = Path(sys.argv[1]), Path(sys.argv[1]).read_bytes()
@@ -230,8 +217,9 @@ def save(moment):
             count = stream.read()
         return status, count
     drapes, calls = opened(draped_layer(path)), itertools.count()
-    layer = feature_edits.move_feature(drapes.layers[0], drapes.feature(0, 0), 1.0, 0.0)
-    drapes = drapes.updated([layer])
+    table = feature_edits.DrapedFeatures.from_drapes(drapes, 0)
+    moved = np.concatenate(table.feature(0).rings) + 1.0
+    drapes = drapes.updated([edits.with_places(table, 0, moved).layer])
     count_calls(lambda: next(calls) == moment and os.kill(os.getpid(), signal.SIGKILL))
     feature_edits.save_layer(drapes, 0, path)
     sys.setprofile(None)

@@ -390,7 +390,7 @@ def test_handles_resize_widen_and_move_points(full, document, workspace, placed,
 
 
 def drag_handle(canvas: Canvas, qtbot, placed, role, offset):
-    handles = [each for each in canvas._input.tool._visible_handles(placed) if each.role == role]
+    handles = [each for each in canvas._input.tool._handles() if each.role == role]
     handle = handles[len(handles) // 2]
     place = canvas._input.tool._handle_place(handle)
     drag_by(canvas, qtbot, QPoint(round(place.x()), round(place.y())), offset)

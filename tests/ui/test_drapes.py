@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rasterio
-import shapely
 from affine import Affine
 from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QColor
@@ -15,12 +14,21 @@ from PyQt6.QtWidgets import QFileDialog
 from sketchterrain.document.drapes import MAX_CLASSES, draped_layer
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
+from sketchterrain.features.table import KINDS
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models import drapes as model
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.features import (
+    FEATURE_COMMANDS,
+    delete_feature,
+    find_feature,
+    paste,
+    selected_text,
+)
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.panels.drapes import DrapedFeaturePage, DrapeList, DrapePage
+from sketchterrain.ui.panels.drapes import DrapeList, DrapePage
+from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.view3d.view import View3D
 
 from . import events
@@ -144,7 +152,7 @@ def drag(canvas, start, end):
 
 
 def shape(document, number):
-    return document.drapes.feature(Selection("drape", number, layer=0)).geometry
+    return document.drapes.table(0).source.feature(number).geometry
 
 
 def near(places, expected):
@@ -231,7 +239,7 @@ def test_vertices_and_features_are_deleted_and_drawn(draped, blank, workspace):
     workspace.selection = Selection("drape", 1, layer=0)
     events.key(draped, Qt.Key.Key_Delete)
     assert workspace.selection is None
-    assert blank.drapes.feature(Selection("drape", 1, layer=0)) is None
+    assert 1 not in blank.drapes.table(0)
     assert blank.sketch.drapes[0].edits[1].geometry == b""
     places = [(100.0, 800.0), (200.0, 800.0), (200.0, 900.0)]
     for kind, count in (("point", 1), ("line", 3), ("area", 3)):
@@ -241,11 +249,54 @@ def test_vertices_and_features_are_deleted_and_drawn(draped, blank, workspace):
             click(draped, *each)
         if kind != "point":
             events.key(draped, Qt.Key.Key_Return)
-        feature = blank.drapes.feature(workspace.selection)
-        assert feature.geometry.geom_type == {"point": "Point", "line": "LineString", "area": "Polygon"}[kind]
-        assert near(shapely.get_coordinates(feature.geometry)[:count], places[:count])
+        feature = find_feature(blank, workspace.selection)
+        assert KINDS[feature.kind] == kind
+        assert near(feature.rings[0], places[:count])
         assert set(feature.properties) <= {"use", "rank"}
-        assert blank.history.titles[-1] == f"Draw {kind} of fields"
+        assert blank.history.titles[-1] == f"Draw {'an' if kind == 'area' else 'a'} {kind} of fields"
+
+
+def test_lines_of_a_draped_layer_are_split_joined_reversed_and_snap(draped, blank, workspace):
+    def run(name):
+        FEATURE_COMMANDS[name](blank, workspace)
+
+    def ends(number):
+        return [list(each) for each in np.round(shape(blank, number).coords)]
+
+    workspace.tool, workspace.selection = "select", Selection("drape", 2, layer=0)
+    double(draped, 700.0, 600.0)
+    run("split-line")
+    middle = ends(2)[-1]
+    assert (ends(2)[0], ends(3)) == ([600, 600], [middle, [900, 600]])
+    assert find_feature(blank, Selection("drape", 3, layer=0)).properties == {"use": "path", "rank": 3}
+    run("reverse-line")
+    assert ends(2) == [middle, [600, 600]]
+    workspace.selection = Selection("drape", 2, layer=0)
+    drag(draped, (600.0, 600.0), (503.0, 502.0))  # to a corner of a square
+    assert ends(2)[-1] == [500, 500]
+    workspace.selection = Selection("drape", 2, layer=0)
+    run("join-lines")
+    assert ends(2) == [[900, 600], middle, [500, 500]]
+    assert 3 not in blank.drapes.table(0)
+    titles = (
+        "Insert a vertex in",
+        "Split a line of",
+        "Reverse a line of",
+        "Move a vertex of",
+        "Join lines of",
+    )
+    assert blank.history.titles[-5:] == tuple(f"{title} fields" for title in titles)
+    for _ in titles:
+        blank.undo()
+    assert ends(2) == [[600, 600], [900, 600]]
+    text = selected_text(blank, workspace)
+    paste(blank, workspace, text)
+    assert workspace.selection == Selection("drape", 3, layer=0)
+    assert find_feature(blank, workspace.selection).properties == {"use": "path", "rank": 3}
+    assert np.allclose(shape(blank, 3).coords[0], (620.0, 580.0))
+    workspace.selection = None
+    with pytest.raises(InputError, match="choose a draped layer"):
+        paste(blank, workspace, text)
 
 
 def test_locked_hidden_and_raster_layers_refuse_with_one_line(draped, blank, workspace):
@@ -258,16 +309,16 @@ def test_locked_hidden_and_raster_layers_refuse_with_one_line(draped, blank, wor
 
 
 def test_properties_keep_their_types(draped, blank, workspace, show_widget):
-    page, lines = show_widget(DrapedFeaturePage(blank, workspace)), []
+    page, lines = show_widget(FeaturePage(blank, workspace)), []
     blank.message.connect(lines.append)
     workspace.selection = Selection("drape", 1, layer=0)
-    assert {name: row.field.text() for name, row in page.rows.items()} == {"use": "wood", "rank": "2"}
+    assert {name: row.field.text() for name, row in page.form.rows.items()} == {"use": "wood", "rank": "2"}
     for name, text in (("rank", "7"), ("use", "12"), ("rank", "many")):
-        page.rows[name].field.setText(text)
-        page.rows[name].field.editingFinished.emit()
-    assert blank.drapes.feature(workspace.selection).properties == {"use": "12", "rank": 7}
+        page.form.rows[name].field.setText(text)
+        page.form.rows[name].field.editingFinished.emit()
+    assert find_feature(blank, workspace.selection).properties == {"use": "12", "rank": 7}
     assert lines == ["rank: expected a whole number, got 'many'"]
-    assert page.rows["rank"].field.text() == "7"
+    assert page.form.rows["rank"].field.text() == "7"
     assert blank.history.titles[-1] == "Set use of fields"
 
 
@@ -362,7 +413,7 @@ def test_files_are_added_by_dialog_and_drop_and_layers_saved(
     qtbot.waitUntil(lambda: blank.history.position == 2 and not blank.drapes.is_busy)
     assert len(blank.sketch.drapes) == 2
     workspace.selection = Selection("drape", 2, layer=0)
-    model.delete_draped(blank, workspace)
+    delete_feature(blank, workspace)
     other = fields.with_name("other.fgb")
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(other), ""))
     window.files.save_drape(0, True)

@@ -8,11 +8,11 @@ from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
 from sketchterrain.landuse.areas import land_use
 from sketchterrain.ui.look.layer_colours import USE_COLOURS
-from sketchterrain.ui.models import vectors
+from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.panels.layers import LayersPanel
-from sketchterrain.ui.panels.vector_page import VectorPage
 
 from .test_vectors import SIDE, at, click, drag, draw, steps
 
@@ -33,7 +33,7 @@ def ring(document, name):
 
 def choose(page, name, value):
     """Choose a value in a property's box as a person does."""
-    box = page.forms["landuse"].rows[name].box
+    box = page.form.rows[name].box
     index = box.findData(value)
     box.setCurrentIndex(index)
     box.activated.emit(index)
@@ -42,7 +42,7 @@ def choose(page, name, value):
 def test_two_fields_share_a_border_get_crops_and_are_saved(
     canvas, workspace, blank, qtbot, show_widget, tmp_path
 ):
-    page = show_widget(VectorPage(blank, workspace))
+    page = show_widget(FeaturePage(blank, workspace))
     near = 6.0 / canvas._context.px_per_metre
     workspace.use_label("landuse", 1)
     assert workspace.tool == "line"
@@ -73,7 +73,7 @@ def test_two_fields_share_a_border_get_crops_and_are_saved(
 
     start = ring(blank, 1)[ring(blank, 1).index(shared[0])]
     drag(canvas, start, (start[0] + 40, start[1] + 20), (start[0] + 80, start[1] + 40))
-    assert steps(blank)[-1] == "Move a node of land use"
+    assert steps(blank)[-1] == "Move a vertex of land use"
     assert len([place for place in ring(blank, 1) if place in ring(blank, 2)]) == 4
     save_sketch(blank.sketch, tmp_path / "fields.sketch")
     opened = Document(load_sketch(tmp_path / "fields.sketch"))
@@ -91,7 +91,7 @@ def test_a_new_area_has_a_vertex_where_others_meet_on_its_border():
     squares = [np.array([(x, 0), (x + 8, 0), (x + 8, 8), (x, 8)], float) for x in (0, 8)]
     layer = VectorLayer("landuse").edited(add=[VectorFeature(AREA, (each,)) for each in squares])
     below = VectorFeature(AREA, (np.array([(0.0, 8.0), (16.0, 8.0), (8.0, 20.0)]),))
-    (added,) = vectors.with_feature(Sketch(extent=1280.0, vectors={"landuse": layer}), "landuse", below)
+    (added,) = features.with_feature(Sketch(extent=1280.0, vectors={"landuse": layer}), "landuse", below)
     assert added.feature(3).rings[0].tolist() == [[0, 8], [8, 8], [16, 8], [8, 20]]
 
 
@@ -125,12 +125,10 @@ def test_the_panel_lists_uses_and_the_page_has_all_properties(workspace, blank, 
     blank.do("Draw", blank.sketch.replace(vectors={"landuse": VectorLayer("landuse").edited(add=[area])}))
     panel = show_widget(LayersPanel(blank, workspace))
     assert {row.layer: row.detail for row in panel.list.rows}["landuse"] == "use field · 1 drawn"
-    page = show_widget(VectorPage(blank, workspace))
+    page = show_widget(FeaturePage(blank, workspace))
     workspace.selection = Selection("landuse", 1)
-    assert list(page.forms["landuse"].rows) == [
-        *("name", "use", "crop", "direction", "parcels", "density", "conifers")
-    ]
-    assert page.forms["landuse"].rows["direction"].check.isChecked()  # along the contours
+    assert list(page.form.rows) == [*("name", "use", "crop", "direction", "parcels", "density", "conifers")]
+    assert page.form.rows["direction"].check.isChecked()  # along the contours
 
 
 def test_many_small_areas_are_drawn_as_squares_and_large_ones_as_they_are(canvas, workspace, blank):

@@ -8,15 +8,16 @@ from PyQt6.QtGui import QGuiApplication
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.edits import vertices_at
+from sketchterrain.features.picking import curves_of
 from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import NOT_PLACED
-from sketchterrain.ui.models import vectors
+from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import selections_at
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.panels.layers import LayersPanel, label_detail
-from sketchterrain.ui.panels.vector_page import VectorPage
 
 from . import events
 
@@ -196,7 +197,7 @@ def test_dragging_a_node_moves_both_lines_in_one_step(canvas, rivers, workspace)
     assert workspace.selection == Selection("river", 2)
     drag(canvas, (600, 600), (650, 560), (700, 500))
     assert workspace.selection == Selection("river", 2, 1)
-    assert steps(rivers) == ("Move a node of rivers",)
+    assert steps(rivers) == ("Move a vertex of rivers",)
     np.testing.assert_allclose(places(rivers, 2)[1], (700, 500), atol=3.0)
     assert places(rivers, 1)[-1] == places(rivers, 2)[-1]
     rivers.undo()
@@ -215,14 +216,15 @@ def test_dragging_a_node_moves_both_lines_in_one_step(canvas, rivers, workspace)
     assert workspace.selection is None
 
 
-def test_the_preview_of_a_drag_has_the_features_at_the_node_where_it_is_possible(rivers):
-    layer = layer_of(rivers).edited(add=[line((0, 0), (50, 0))])
-    moved = vectors.with_moved_node(layer, (600, 600), (700, 500))
-    assert moved.ids.tolist() == [1, 2]
-    assert moved.feature(2).rings[0].tolist() == [[600, 1000], [700, 500]]
-    corners = [(0, 0), (100, 0), (100, 100), (0, 100)]
+def test_a_lake_follows_the_drag_of_its_vertex_where_it_is_possible(canvas, blank, workspace):
+    corners = [(300, 300), (900, 300), (900, 900), (300, 900)]
     lakes = VectorLayer("lake").edited(add=[VectorFeature(AREA, (np.array(corners, float),))])
-    assert vectors.with_moved_node(lakes, (0, 0), (300, 50)).vertices.tolist() == lakes.vertices.tolist()
+    blank.open(blank.sketch.replace(vectors={"lake": lakes}))
+    workspace.tool, workspace.selection = "select", Selection("lake", 1)
+    drag(canvas, (300, 300), (500, 350), (1000, 700))
+    assert "touch itself" in canvas.lines[-1]
+    assert steps(blank) == ("Move a vertex of lakes",)
+    assert places(blank, 1, layer="lake")[0] == pytest.approx([500, 350], abs=3.0)
 
 
 def test_vertices_are_inserted_and_deleted_then_the_line(canvas, rivers, workspace):
@@ -238,12 +240,12 @@ def test_vertices_are_inserted_and_deleted_then_the_line(canvas, rivers, workspa
     events.key(canvas, Qt.Key.Key_Delete)
     assert layer_of(rivers).ids.tolist() == [1]
     assert workspace.selection is None
-    assert steps(rivers)[1:] == ("Delete a vertex of rivers", "Delete a vector of rivers")
+    assert steps(rivers)[1:] == ("Delete a vertex of rivers", "Delete a feature of rivers")
 
 
 def test_split_join_and_reverse_are_one_step_each(rivers, workspace):
     def run(name):
-        vectors.VECTOR_COMMANDS[name](rivers, workspace)
+        features.FEATURE_COMMANDS[name](rivers, workspace)
 
     workspace.selection = Selection("river", 1, 1)
     run("split-line")
@@ -263,9 +265,9 @@ def test_split_join_and_reverse_are_one_step_each(rivers, workspace):
 
 def test_copied_vectors_are_pasted_beside(rivers, workspace):
     workspace.selection = Selection("river", 1, 2)
-    text = vectors.selected_text(rivers, workspace)
+    text = features.selected_text(rivers, workspace)
     for count in (1, 2):
-        vectors.paste(rivers, workspace, text)
+        features.paste(rivers, workspace, text)
         assert workspace.selection == Selection("river", 2 + count)
         offset = 25.6 * count
         np.testing.assert_allclose(
@@ -276,7 +278,7 @@ def test_copied_vectors_are_pasted_beside(rivers, workspace):
     assert steps(rivers) == ("Paste rivers",) * 2
     for other in ("", "no vectors", '{"type": "FeatureCollection", "features": []}'):
         with pytest.raises(InputError, match="copied from a sketch"):
-            vectors.paste(rivers, workspace, other)
+            features.paste(rivers, workspace, other)
 
 
 def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(blank, workspace):
@@ -289,7 +291,7 @@ def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(bl
     )
     lakes = VectorLayer("lake").edited(add=[VectorFeature(AREA, (border, hole))])
     blank.open(blank.sketch.replace(vectors={"river": rivers, "lake": lakes}))
-    ((x, y), *_) = [each for each in vectors.curves_of(rivers).shapes[0].coords if 345 < each[0] < 365]
+    ((x, y), *_) = [each for each in curves_of(rivers).shapes[0].coords if 345 < each[0] < 365]
     assert abs(y - (700 - 2 * (x - 300))) > 20.0  # off the chord
     assert hit(x, y) == Selection("river", 1)
     assert hit(635, 400) == Selection("river", 2)
@@ -355,13 +357,13 @@ def test_ten_thousand_rivers_are_drawn_and_hit_quickly(canvas, blank, workspace)
 
 @pytest.fixture
 def page(rivers, workspace, show_widget):
-    widget = show_widget(VectorPage(rivers, workspace))
+    widget = show_widget(FeaturePage(rivers, workspace))
     workspace.selection = Selection("river", 1)
     return widget
 
 
 def test_the_panel_sets_properties_in_one_step_each(page, rivers, workspace, qtbot):
-    rows = page.forms["river"].rows
+    rows = page.form.rows
     rows["name"].field.setText("Inn")
     rows["name"].field.editingFinished.emit()
     rows["smooth"].box.click()
@@ -408,12 +410,12 @@ def test_actions_and_menus_edit_vectors(window, document, workspace, link, qtbot
     assert not any(actions[name].isEnabled() for name in names)
     workspace.selection = Selection("river", 1, 1)
     assert all(actions[name].isEnabled() for name in names)
-    assert window.findChild(VectorPage).isVisibleTo(window)
+    assert window.findChild(FeaturePage).isVisibleTo(window)
     for name in ("copy", "split-line", "join-lines", "reverse-line", "paste", "delete-selection"):
         actions[name].trigger()
     assert steps(document) == (
         *("Split a line of rivers", "Join lines of rivers", "Reverse a line of rivers", "Paste rivers"),
-        "Delete a vector of rivers",
+        "Delete a feature of rivers",
     )
     QGuiApplication.clipboard().setText("other text")
     actions["paste"].trigger()

@@ -10,13 +10,12 @@ from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.placer import place_of_finding
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models import vectors
+from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.selection import vector_width_handle
 from sketchterrain.ui.models.workspace import Selection
+from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import ContradictionsPanel
-from sketchterrain.ui.panels.vector_page import VectorPage
 
 from .test_vectors import SIDE, at, click, drag, draw, line, places, steps
 
@@ -101,7 +100,7 @@ def test_freehand_crossings_are_vertices_of_both_smooth_lines(ways):
     bent = VectorFeature(
         LINE, (np.array([(250, 400), (400, 800), (800, 450), (950, 800)], float),), 1, {"smooth": 1}
     )
-    road, rail, _ = vectors.with_feature(ways.sketch, "road", bent)
+    road, rail, _ = features.with_feature(ways.sketch, "road", bent)
     new = road.feature(2).rings[0]
     assert len(road.feature(1).rings[0]) == 3 + 3
     assert len(rail.feature(1).rings[0]) == 2 + 1
@@ -114,7 +113,7 @@ def test_a_node_moves_in_all_layers_of_ways_in_one_step(canvas, workspace, ways)
     click(canvas, 600, 750)
     assert workspace.selection == Selection("railway", 1)
     drag(canvas, (600, 600), (650, 560), (700, 500))
-    assert steps(ways) == ("Move a node of railways",)
+    assert steps(ways) == ("Move a vertex of railways",)
     moved = places(ways, 1, layer="railway")[0]
     assert moved == pytest.approx([700, 500], abs=3.0)
     assert places(ways, 1, layer="road")[1] == moved
@@ -134,32 +133,31 @@ def test_a_node_dragged_onto_a_line_joins_it(canvas, workspace, ways):
     end = ways.sketch.vectors["path"].feature(1).rings[0][-1]
     assert end[1] == 600.0
     assert end.tolist() in ways.sketch.vectors["road"].feature(1).rings[0].tolist()
-    assert steps(ways) == ("Move a node of paths",)
+    assert steps(ways) == ("Move a vertex of paths",)
 
 
 def test_a_width_is_dragged_in_one_step_and_follows_from_lanes_before(canvas, workspace, ways):
-    assert vectors.widths_of(ways.sketch, ways.sketch.vectors["road"]).tolist() == [6.0]
+    assert features.widths_of(ways.sketch, ways.sketch.vectors["road"]).tolist() == [6.0]
     workspace.tool = "select"
     workspace.selection = Selection("road", 1)
-    handle = vector_width_handle(ways.sketch, workspace.selection)
+    handle = features.box_handles(ways, workspace.selection)[-1]
     assert (handle.x, handle.y, handle.base_x, handle.base_y) == pytest.approx((600, 603, 600, 600))
     place = canvas._input._select._handle_place(handle)
     start = canvas._context.world_from_sketch(*canvas._context.sketch_from_screen(place))
     drag(canvas, start, (start[0], start[1] + 8), (start[0], start[1] + 17))
     assert steps(ways) == ("Set the width of roads",)
-    assert vectors.widths_of(ways.sketch, ways.sketch.vectors["road"])[0] == pytest.approx(40.0, abs=6.0)
+    assert features.widths_of(ways.sketch, ways.sketch.vectors["road"])[0] == pytest.approx(40.0, abs=6.0)
     canvas.grab()
     ways.undo()
     assert "width" not in ways.sketch.vectors["road"].feature(1).properties
-    assert vector_width_handle(ways.sketch, None) is None
 
 
 def test_a_road_becomes_a_path_with_its_vertices_and_values_in_one_step(workspace, ways, show_widget):
     layer = set_value(set_value(ways.sketch.vectors["road"], 1, "grade", 0.2), 1, "surface", "gravel")
     ways.do("Grade", commands.with_vectors(ways.sketch, layer))
-    page = show_widget(VectorPage(ways, workspace))
+    page = show_widget(FeaturePage(ways, workspace))
     workspace.selection = Selection("road", 1)
-    rows = page.forms["road"].rows
+    rows = page.form.rows
     assert rows["grade"].number == 0.2
     assert rows["surface"].box.currentData() == "gravel"
     assert rows["width"].check.isChecked()
@@ -211,7 +209,7 @@ def test_a_layer_without_an_image_is_listed_cleared_and_picked(canvas, workspace
     assert len(changed.vectors["path"]) == 0
     workspace.set_look("railway", locked=True)
     with pytest.raises(InputError, match="locked"):
-        vectors.change_vectors(ways, workspace, "Clear", VectorLayer("railway"))
+        features.change_features(ways, workspace, "Clear", Selection("railway", 1), VectorLayer("railway"))
 
 
 def test_findings_about_roads_are_listed_with_their_place(ways, workspace, link, placed, show_widget):

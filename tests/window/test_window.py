@@ -151,8 +151,8 @@ def test_a_tour(user, tmp_path):
     user.wait("window._workspace.selection is not None and window._workspace.selection.kind == 'river'")
     width = f"max(float(r.width.max()) for r in {RIVERS})"
     before = user.evaluate(width)
-    page = "[each for each in app.allWidgets() if type(each).__name__ == 'VectorPage'][0]"
-    user.click(*centre_of(user, f"{page}.forms['river'].rows['width'].box"), times=3)
+    page = "[each for each in app.allWidgets() if type(each).__name__ == 'FeaturePage'][0]"
+    user.click(*centre_of(user, f"{page}.form.rows['width'].box"), times=3)
     user.write("130")
     user.key("Return")
     step(user, 6)

@@ -1,4 +1,4 @@
-"""Mouse, pen and keyboard input of the canvas, its tool tips and context menu; panning and draped lines."""
+"""Mouse, pen and keyboard input of the canvas, its tool tips and context menu; panning."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QEvent, QObject, QPointF, Qt
 from PyQt6.QtGui import (
-    QColor,
     QContextMenuEvent,
     QFocusEvent,
     QHelpEvent,
@@ -20,8 +19,6 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QToolTip
 
-from sketchterrain.errors import InputError
-from sketchterrain.features.table import AREA, LINE
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
 from sketchterrain.ui.canvas.decorations import warning_at
@@ -29,7 +26,6 @@ from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, P
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.engine.protocol import GoTo
-from sketchterrain.ui.models.drapes import draw_draped, refusal
 from sketchterrain.ui.models.selection import add
 
 if TYPE_CHECKING:
@@ -48,58 +44,6 @@ _BRUSH_KEYS = {Qt.Key.Key_BracketLeft: 1.0 / 1.2, Qt.Key.Key_BracketRight: 1.2}
 _ZOOM_KEYS = {Qt.Key.Key_Plus: 1.25, Qt.Key.Key_Equal: 1.25, Qt.Key.Key_Minus: 1.0 / 1.25}
 _KEYS = {*_ARROWS, *_BRUSH_KEYS, *_ZOOM_KEYS, Qt.Key.Key_Space, Qt.Key.Key_Home}
 _PAINT_TOOLS = ("brush", "eraser", "line", "fill")
-
-
-class DrapeLineTool(LineTool):
-    """Draws points, lines or areas, by `Workspace.drape_kind`, of the chosen draped layer."""
-
-    is_painted = _is_smooth = False
-
-    @property
-    def _layer(self) -> int:
-        selection = self.context.workspace.selection
-        return -1 if selection is None else selection.layer
-
-    @property
-    def _kind(self) -> int | None:
-        return AREA if self.context.workspace.drape_kind == "area" else LINE
-
-    @property
-    def width(self) -> float:
-        return 2.0 / self.context.scale
-
-    @property
-    def _active(self) -> tuple[str, int]:
-        return self.context.workspace.drape_kind, self._layer
-
-    @property
-    def _colour(self) -> QColor:
-        style = self.context.document.sketch.drapes[self._layer].style
-        return QColor(style["colour"] or style["fill"])
-
-    def press(self, pointer: Pointer) -> None:
-        super().press(pointer)
-        if self._points and self.context.workspace.drape_kind == "point":
-            self.finish()
-
-    def _may_draw(self) -> bool:
-        context = self.context
-        problem = refusal(context.document, context.workspace, self._layer)
-        if problem:
-            context.document.message.emit(problem)
-        return not problem
-
-    def _add_vector(self, kind: int, points: list[tuple[float, float]]) -> None:
-        context = self.context
-        places = [context.world_from_sketch(*point) for point in points]
-        try:
-            draw_draped(context.document, context.workspace, self._layer, places)
-        except InputError as error:
-            context.document.message.emit(str(error))
-            self._points = points
-
-    def _snapped(self, pointer: Pointer) -> tuple[float, float]:
-        return pointer.x, pointer.y
 
 
 class PanTool(Tool):
@@ -124,7 +68,6 @@ class CanvasInput(QObject):
             "brush": BrushTool(context),
             "eraser": BrushTool(context, erases=True),
             "line": LineTool(context),
-            "drape": DrapeLineTool(context),
             "fill": FillTool(context),
             "pick": PickTool(context),
             "pan": PanTool(context),
@@ -163,9 +106,7 @@ class CanvasInput(QObject):
 
     @property
     def tool(self) -> Tool:
-        selection = self._context.workspace.selection
-        draws = self._name == "line" and selection is not None and selection.is_draped
-        return self._tools["drape" if draws else self._name]
+        return self._tools[self._name]
 
     def cancel(self) -> None:
         """Cancel the tools' operations: another document was opened."""

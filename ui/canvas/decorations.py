@@ -13,7 +13,7 @@ from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import draw_vectors
 from sketchterrain.ui.engine.protocol import FrameFacts, Pose
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
-from sketchterrain.ui.models.vectors import visible_vectors
+from sketchterrain.ui.models.features import visible_vectors
 
 _PAD = 5.0
 _BAR = 120.0  # px, approximate length of the scale bar

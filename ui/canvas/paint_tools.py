@@ -1,20 +1,21 @@
 """Paint tools: brush and eraser, flood fill, label picker, lines and outlines."""
 
 import math
+from dataclasses import replace
+from functools import partial
 
 from PyQt6.QtCore import QPointF, QRectF, QSizeF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen, QPolygonF
 
-from sketchterrain.errors import InputError
-from sketchterrain.features.table import AREA, LINE, VectorFeature, on_grid
-from sketchterrain.geometry.splines import drop_repeats
+from sketchterrain.features.table import AREA, KINDS, LINE, POINT
 from sketchterrain.landforms.placement.heights import ShapeHeight, shape_height
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.compositing import visible_layers
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
+from sketchterrain.ui.commands import reported
 from sketchterrain.ui.look.layer_colours import label_colour
-from sketchterrain.ui.models import vectors
+from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Draft
 from sketchterrain.ui.models.painting import (
     Stroke,
@@ -26,6 +27,7 @@ from sketchterrain.ui.models.painting import (
     pick,
 )
 from sketchterrain.ui.models.selection import REACH
+from sketchterrain.ui.models.workspace import Selection
 
 _LEAST_PRESSURE = 0.2  # fraction of the radius at the lightest touch
 _TEXT = QSizeF(260.0, 40.0)  # logical px around the text beside the ring
@@ -205,9 +207,9 @@ class PickTool(Tool):
 def pick_label(context: ToolContext, pointer: Pointer) -> None:
     """Activate layer and label of the vector, else of the topmost visible paint at a position; report it."""
     sketch, at = context.document.sketch, context.world_from_sketch(pointer.x, pointer.y)
-    picks = vectors.vector_picks(sketch, context.workspace, *at, 1.0 / context.px_per_metre)
+    picks = features.vector_picks(sketch, context.workspace, *at, 1.0 / context.px_per_metre)
     _, selection = min(picks, key=lambda pick: pick[0], default=(0.0, None))
-    vector = vectors.find_vector(sketch, selection)
+    vector = features.find_feature(context.document, selection)
     if selection is not None and vector is not None:
         found: tuple[str, int] | None = (selection.kind, vector.label)
     else:
@@ -233,12 +235,12 @@ class LineTool(Tool):
     """Draws a smooth line through points, finished by Enter or a double click, cancelled by Escape.
 
     A drag draws freehand. Backspace or the right button removes the last point. The line is a vector on
-    layers that take lines, the outline of one where they only take areas, and else it is painted. Points
-    of vectors snap to vertices and lines of their layer, those of roads, railways and paths to all of these.
+    layers that take lines, the outline of one where they only take areas, and else it is painted. While a
+    draped layer is chosen, it is a point, line or area of that, by `Workspace.drape_kind`. Points of features
+    snap to vertices and lines of their layer, those of roads, railways and paths to all of these.
     """
 
     cursor = Qt.CursorShape.CrossCursor
-    is_painted = True  # in the sketch's own layers, with a width
 
     def __init__(self, context: ToolContext) -> None:
         super().__init__(context)
@@ -247,7 +249,7 @@ class LineTool(Tool):
         self._pressed: tuple[float, float] | None = None
         self._freehand = False
         self._first = 0  # index of the point that a drag started from
-        self._target: tuple[str, int] = ("", 0)  # layer, label
+        self._target: tuple[Selection, int] | None = None  # layer; label, or kind in a draped layer
 
     @property
     def is_busy(self) -> bool:
@@ -256,31 +258,56 @@ class LineTool(Tool):
     @property
     def _kind(self) -> int | None:
         """Kind of the vectors that the active layer takes; None: lines are painted."""
-        taken = LAYERS[self.context.workspace.layer].vectors
+        workspace = self.context.workspace
+        if self._layer.is_draped:
+            return KINDS.index(workspace.drape_kind)
+        taken = LAYERS[workspace.layer].vectors
         return LINE if "line" in taken else AREA if "area" in taken else None
 
     @property
     def _is_smooth(self) -> bool:
         """Whether lines are curves through their points: all but walls are."""
+        if self._layer.is_draped:
+            return False
         return self._kind is None or LAYERS[self.context.workspace.layer].kind != "barrier"
 
     @property
-    def _active(self) -> tuple[str, int]:
-        """Layer and label of the next line."""
-        return self.context.workspace.layer, self.context.workspace.label
+    def _layer(self) -> Selection:
+        """The chosen draped layer, else the active one."""
+        selection = self.context.workspace.selection
+        if selection is not None and selection.is_draped:
+            return replace(selection, id=-1, index=None)
+        return Selection(self.context.workspace.layer, 0)
+
+    @property
+    def _active(self) -> tuple[Selection, int]:
+        """Layer, and label or kind, of the next line."""
+        layer = self._layer
+        return layer, (self._kind or 0) if layer.is_draped else self.context.workspace.label
 
     @property
     def _colour(self) -> QColor:
-        return label_colour(*self._active)
+        layer, label = self._active
+        if layer.is_draped:
+            style = self.context.document.sketch.drapes[layer.layer].style
+            return QColor(style["colour"] or style["fill"])
+        return label_colour(layer.kind, label)
 
     def _may_draw(self) -> bool:
-        """Return whether the active layer can be edited, else report why."""
-        return self.context.may_paint(pixels=False)
+        """Return whether the layer can be edited, else report why."""
+        document, workspace = self.context.document, self.context.workspace
+        if not self._layer.is_draped:
+            return self.context.may_paint(pixels=False)
+        if problem := features.refusal(document, workspace, self._layer):
+            document.message.emit(problem)
+        return not problem
 
     @property
     def width(self) -> float:
         """Width of the line, px of the sketch."""
         workspace = self.context.workspace
+        if self._layer.is_draped:
+            return 2.0 / self.context.scale
         return line_width(self.context.document.sketch, workspace.layer, workspace.label, workspace.brush)
 
     def press(self, pointer: Pointer) -> None:
@@ -305,6 +332,8 @@ class LineTool(Tool):
         self._pressed, self._place = at, at
         self._first = len(self._points) - 1
         self.context.signals.redraw()
+        if self._kind == POINT:
+            self.finish()
 
     def move(self, pointer: Pointer) -> None:
         """Move the tip, or draw freehand."""
@@ -347,45 +376,28 @@ class LineTool(Tool):
         """Add or paint the line as a history step."""
         points = self._points
         self.cancel()
-        layer, label = self._target
-        if not points or layer != self._active[0] or not self._may_draw():
+        if not points or self._target is None or self._target[0] != self._layer or not self._may_draw():
             return
-        if self._kind is not None:
-            self._add_vector(self._kind, points)
+        (target, label), kind, context = self._target, self._kind, self.context
+        if kind is not None:
+            places = [context.world_from_sketch(*point) for point in points]
+            draw = partial(features.draw, context.document, context.workspace, target, label, kind, places)
+            with reported(context.document.message.emit, lambda: self._points.extend(points)):
+                draw(smooth=kind == LINE and self._is_smooth)
             return
-        width = line_width(self.context.document.sketch, layer, label, self.context.workspace.brush)
-        draft = self.context.document.begin_draft(layer)
+        layer = target.kind
+        width = line_width(context.document.sketch, layer, label, context.workspace.brush)
+        draft = context.document.begin_draft(layer)
         box = draw_line(draft.image, points, width, label)
         draft.commit(f"Draw a line of {LAYERS[layer].title.lower()}", box)
 
-    def _add_vector(self, kind: int, points: list[tuple[float, float]]) -> None:
-        """Add a line or area; its points stay if it is not possible."""
-        context, (name, label) = self.context, self._target
-        places = drop_repeats(on_grid([context.world_from_sketch(*point) for point in points]))
-        if kind == AREA and (places[0] == places[-1]).all():
-            places = places[:-1]
-        title, least = LAYERS[name].title, 2 if kind == LINE else 3
-        try:
-            if len(places) < least:
-                raise InputError(f"{title}: expected {least} points or more")
-            smooth = kind == LINE and self._is_smooth
-            feature = VectorFeature(kind, (places,), label, {"smooth": 1} if smooth else {})
-            what = "a line" if kind == LINE else "an area"
-            layers = vectors.with_feature(context.document.sketch, name, feature)
-            vectors.change_vectors(context.document, context.workspace, f"Draw {what} of", *layers)
-        except InputError as error:
-            context.document.message.emit(str(error))
-            self._points = points
-
     def _snapped(self, pointer: Pointer) -> tuple[float, float]:
         """Return the position, or that of a vertex of the layer or of a line near it."""
-        context, name = self.context, self.context.workspace.layer
-        at = context.world_from_sketch(pointer.x, pointer.y)
-        place = None
+        context, place = self.context, None
         if self._kind is not None:
-            layers = vectors.network_of(context.document.sketch, name)
-            shown = [layer for layer in layers if context.workspace.look(layer.layer).visible]
-            place = vectors.snapped(shown, *at, REACH / context.px_per_metre)
+            at = context.world_from_sketch(pointer.x, pointer.y)
+            reach = REACH / context.px_per_metre
+            place = features.snap(context.document, context.workspace, self._layer, *at, reach)
         return (pointer.x, pointer.y) if place is None else context.sketch_from_world(*place)
 
     def _simplify(self) -> None:
@@ -434,7 +446,7 @@ class LineTool(Tool):
         if self._place is not None:
             tip = context.screen_from_sketch(*self._place)
             _draw_ring(painter, tip, 4.0 if is_area else 0.5 * wide)
-        if self._place is not None and not is_area and self.is_painted:
+        if self._place is not None and not is_area and not self._layer.is_draped:
             metres = self.width * context.document.sketch.pixel_size
             text = f"{metres:.0f} m wide" if metres >= 9.5 else f"{metres:.1f} m wide"
             height = self._height()

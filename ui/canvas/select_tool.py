@@ -3,19 +3,16 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 from PyQt6.QtCore import QLineF, QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPainter, QPen
 
-from sketchterrain.features.picking import outlines_of
 from sketchterrain.ui.canvas.decorations import write_beside
-from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
-from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, draw_placed, screen_paths
+from sketchterrain.ui.canvas.marks import SELECTED, draw_placed
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.canvas.vectors import draw_selected_vector, draw_vector
+from sketchterrain.ui.canvas.vectors import draw_feature, draw_selected_feature
 from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.drapes import draped_handles
+from sketchterrain.ui.models.features import box_handles, insert_vertex, vertex_at
 from sketchterrain.ui.models.selection import (
     OFFSET_ROLES,
     REACH,
@@ -25,10 +22,7 @@ from sketchterrain.ui.models.selection import (
     handles_of,
     next_below,
     selections_at,
-    vector_width_handle,
-    vertex_at,
 )
-from sketchterrain.ui.models.vectors import insert_vertex
 from sketchterrain.ui.models.workspace import Handle, Selection
 
 _DRAG = 4.0  # logical px after which a press is a drag
@@ -62,10 +56,10 @@ class SelectTool(Tool):
         before, self._next = self.context.workspace.selection, None
         found = self._selections_at(at) if handle is None else [handle.selection]
         whole = before and replace(before, index=None)
-        if handle is None and whole is not None and whole.is_draped and whole in found:
+        if handle is None and whole is not None and not whole.is_placed and whole in found:
             handle, self._next = Handle("move", whole, *at, *at), next_below(found, whole)
         selection = self.context.workspace.selection = handle.selection if handle else next(iter(found), None)
-        if handle is not None and not (handle.is_vertex or handle.selection.is_draped):
+        if handle is not None and handle.selection.is_placed:
             self._start_drag(handle, at)
             return
         if handle is None:
@@ -101,10 +95,9 @@ class SelectTool(Tool):
         """Insert a vertex in the selected vector, else press: a drag may follow at once."""
         at, context = self.context.world_from_sketch(pointer.x, pointer.y), self.context
         with reported(self._report):
-            is_inserted = self._handle_at(at) is None and insert_vertex(
-                context.document, context.workspace, *at, reach=REACH / context.px_per_metre
-            )
-            if not is_inserted:
+            handle, reach = self._handle_at(at), REACH / context.px_per_metre
+            is_vertex = handle is not None and handle.is_vertex
+            if is_vertex or not insert_vertex(context.document, context.workspace, *at, reach=reach):
                 self.press(pointer)
                 self._double_clicked = (pointer.x, pointer.y)
 
@@ -161,21 +154,9 @@ class SelectTool(Tool):
         placed, selection, hovered = self.context.link.placed, self.context.workspace.selection, self._hovered
         faint = QColor(SELECTED)
         faint.setAlpha(150)
-        if hovered is not None and hovered.is_vector and self._drag is None:
-            draw_vector(painter, self.context, hovered, faint)
-        _draw_draped(painter, self.context, hovered, faint)
-        _draw_draped(painter, self.context, selection, SELECTED)
-        for handle in self._draped_handles():
-            self._draw_handle(painter, handle)
-        if selection is not None and selection.is_vector:
-            drag = self._drag
-            moved = None if drag and drag.handle.is_live else drag
-            draw_selected_vector(painter, self.context, selection, moved)
-            width = vector_width_handle(self.context.document.sketch, selection)
-            if width is not None and (drag is None or not drag.handle.is_vertex):
-                self._draw_handle(painter, width)
-            if self._drag is not None and self._last_drag is not None:
-                self._draw_drag(painter, placed)
+        if self._drag is None:
+            draw_feature(painter, self.context, hovered, faint)
+        draw_selected_feature(painter, self.context, selection, self._drag)
         if hovered is not None and self._drag is None and exists(placed, hovered):
             draw_placed(painter, self.context, hovered, faint)
             handles = handles_of(placed, hovered)
@@ -183,12 +164,12 @@ class SelectTool(Tool):
             if other and handles and handles[0].role == "move":
                 at = self.context.screen_from_world(handles[0].x, handles[0].y)
                 write_beside(painter, at + QPointF(10.0, -9.0), name_of(placed, hovered).capitalize())
-        if selection is None or not exists(placed, selection):
-            return
-        draw_placed(painter, self.context, selection, SELECTED)
-        for handle in self._visible_handles(placed):
-            self._draw_handle(painter, handle)
-        self._draw_drag(painter, placed)
+        if selection is not None:
+            draw_placed(painter, self.context, selection, SELECTED)
+        if self._drag is None or not self._drag.handle.is_vertex:
+            for handle in self._handles():
+                self._draw_handle(painter, handle)
+            self._draw_drag(painter, placed)
 
     def _draw_handle(self, painter: QPainter, handle: Handle) -> None:
         at = self._handle_place(handle)
@@ -205,10 +186,12 @@ class SelectTool(Tool):
 
     def _draw_drag(self, painter: QPainter, placed: Placement) -> None:
         """Draw the dragged handle until the engine has placed it."""
-        if self._last_drag is None or (self._drag is None and self._last_drag[0] is not placed):
+        if self._last_drag is None:
+            return
+        before, drag = self._last_drag
+        if self._drag is None and (before is not placed or not drag.handle.selection.is_placed):
             self._last_drag = None
             return
-        drag = self._last_drag[1]
         at = self.context.screen_from_world(drag.x, drag.y)
         painter.setPen(QPen(QColor(255, 255, 255), 2.0))
         painter.setBrush(SELECTED)
@@ -229,8 +212,7 @@ class SelectTool(Tool):
             return
         reach = REACH / context.px_per_metre
         self._drag = FeatureDrag(context.document, placed, handle, grab=at, reach=reach)
-        is_live = handle.is_vertex or handle.selection.is_draped
-        self._last_drag = None if is_live else (placed, self._drag)
+        self._last_drag = placed, self._drag
         self._hovered = None
         context.signals.redraw()
 
@@ -252,31 +234,24 @@ class SelectTool(Tool):
 
     def _handle_at(self, at: tuple[float, float]) -> Handle | None:
         """Return the handle at a position, m."""
-        sketch, selection = self.context.document.sketch, self.context.workspace.selection
-        placed, place = self.context.link.placed, self.context.screen_from_world(*at)
-        vertex = vertex_at(sketch, selection, *at, reach=REACH / self.context.px_per_metre)
+        document, selection = self.context.document, self.context.workspace.selection
+        place = self.context.screen_from_world(*at)
+        vertex = vertex_at(document, selection, *at, reach=REACH / self.context.px_per_metre)
         if vertex is not None:
             return vertex
-        width = vector_width_handle(sketch, selection)
-        handles = self._visible_handles(placed) if width is None else [width]
-        handles += self._draped_handles()
+        handles = self._handles()
         near = [(QLineF(place, self._handle_place(each)).length(), each) for each in handles]
         best = min(near, key=lambda pair: pair[0], default=None)
         return best[1] if best is not None and best[0] <= REACH else None
 
-    def _draped_handles(self) -> tuple[Handle, ...]:
-        """Return the handles of the selected draped feature, with vertices some distance apart."""
-        document, selection = self.context.document, self.context.workspace.selection
-        return draped_handles(document, selection, spacing=_LEAST_DISTANCE / self.context.px_per_metre)
-
-    def _visible_handles(self, placed: Placement) -> list[Handle]:
+    def _handles(self) -> list[Handle]:
         """Return handles that do not overlap on the screen; the selected point's before its neighbours'."""
-        selection = self.context.workspace.selection
+        selection, drag = self.context.workspace.selection, self._drag
         index = None if selection is None else selection.index
         handles: list[Handle] = []
         places: list[QPointF] = []
         for handle in sorted(
-            handles_of(placed, selection),
+            handles_of(self.context.link.placed, selection),
             key=lambda each: each.role == "point" and each.selection.index != index,
         ):
             place = self._handle_place(handle)
@@ -284,7 +259,7 @@ class SelectTool(Tool):
             if handle.role != "point" or is_clear:
                 handles.append(handle)
                 places.append(place)
-        return handles
+        return [*handles, *box_handles(self.context.document, selection, drag and drag.sketch)]
 
     def _handle_place(self, handle: Handle) -> QPointF:
         """Return a handle's screen position: some lie off a bank or box, clear of it."""
@@ -294,26 +269,3 @@ class SelectTool(Tool):
         offset = at - self.context.screen_from_world(handle.base_x, handle.base_y)
         length = math.hypot(offset.x(), offset.y())
         return at + (offset * (_WIDTH_OFFSET / length) if length > 0.0 else QPointF(0.0, -_WIDTH_OFFSET))
-
-
-def _draw_draped(
-    painter: QPainter, context: ToolContext, selection: Selection | None, colour: QColor
-) -> None:
-    """Highlight a draped feature, if one is selected; while it is edited draw it as its layer does, too."""
-    import shapely
-
-    drapes, feature = context.document.drapes, context.document.drapes.feature(selection)
-    if feature is None or selection is None or drapes.current is None:
-        return
-    if drapes.held == (selection.layer, selection.id):
-        corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
-        window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
-        painter.save()
-        draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
-        painter.restore()
-    lines = outlines_of(np.array([feature.geometry]))  # areas may be invalid
-    (path,) = screen_paths(context, lines, context.area)
-    if feature.geometry.length == 0.0:
-        for place in shapely.get_coordinates(feature.geometry).tolist():
-            path.addEllipse(context.screen_from_world(*place), 6.0, 6.0)
-    draw_haloed(painter, path, colour, 2.0)

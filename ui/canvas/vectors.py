@@ -11,14 +11,16 @@ from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Int64Array
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.features.edits import shared_nodes
-from sketchterrain.features.picking import Shapes, curves_of
+from sketchterrain.features.picking import Shapes, curves_of, outlines_of
 from sketchterrain.features.table import AREA, LINE
 from sketchterrain.schema.layers import LAND_USES, LAYERS
+from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
 from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.look.layer_colours import USE_COLOURS, label_colour
-from sketchterrain.ui.models import vectors
+from sketchterrain.ui.models import features
 from sketchterrain.ui.models.selection import FeatureDrag
 from sketchterrain.ui.models.workspace import Selection
 
@@ -27,37 +29,52 @@ _MAX_HANDLES = 1500
 _MANY, _SMALL = 1000, 8.0  # areas, if there are more, with sides of fewer logical px are drawn as squares
 
 
-def draw_vector(painter: QPainter, context: ToolContext, selection: Selection, colour: QColor) -> None:
-    """Highlight a vector, with an arrow if it has a direction."""
-    sketch = context.document.sketch
-    feature = vectors.find_vector(sketch, selection)
-    if feature is not None:
-        layer = sketch.vectors[selection.kind]
-        shape = curves_of(layer).shapes[layer.index(selection.id)]
-        (path,) = screen_paths(context, np.array([shape]), context.area)
-        draw_haloed(painter, path, colour, 2.0)
-        if feature.properties.get("directed") == 1 and not path.isEmpty():
-            _draw_arrow(painter, path)
-
-
-def draw_selected_vector(
-    painter: QPainter, context: ToolContext, selection: Selection, drag: FeatureDrag | None
+def draw_feature(
+    painter: QPainter,
+    context: ToolContext,
+    selection: Selection | None,
+    colour: QColor,
+    sketch: Sketch | None = None,
 ) -> None:
-    """Draw the selected vector with its vertices, and while one is dragged all that share the node."""
-    feature = vectors.find_vector(context.document.sketch, selection)
-    if feature is None:
+    """Highlight a feature, if one is selected, with an arrow if it has a direction.
+
+    A draped one that is edited is drawn as its layer does, too.
+    """
+    drapes, shape = context.document.drapes, features.drawn_shape(context.document, selection, sketch)
+    if shape is None or selection is None:
+        return
+    if selection.is_draped and drapes.held == (selection.layer, selection.id) and drapes.current is not None:
+        corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
+        window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
+        painter.save()
+        draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
+        painter.restore()
+    (path,) = screen_paths(context, outlines_of(np.array([shape])), context.area)  # areas may be invalid
+    if shape.length == 0.0:
+        for line in features.lines_of(context.document, selection, sketch):
+            path.addEllipse(context.screen_from_world(*line[0].tolist()), 6.0, 6.0)
+    draw_haloed(painter, path, colour, 2.0)
+    feature = features.find_feature(context.document, selection, sketch)
+    if feature is not None and feature.properties.get("directed") == 1 and not path.isEmpty():
+        _draw_arrow(painter, path)
+
+
+def draw_selected_feature(
+    painter: QPainter, context: ToolContext, selection: Selection | None, drag: FeatureDrag | None
+) -> None:
+    """Draw the selected feature with its vertices, and while one is dragged all that share the node."""
+    document, sketch = context.document, None if drag is None else drag.sketch
+    feature = features.find_feature(document, selection, sketch)
+    if feature is None or selection is None:
         return
     places = np.concatenate(feature.rings)
-    network = vectors.network_of(context.document.sketch, selection.kind)
-    shared = shared_nodes(network, places)
-    if drag is None:
-        draw_vector(painter, context, selection, SELECTED)
-    else:
-        start, end = (drag.handle.x, drag.handle.y), (drag.x, drag.y)
-        places[(places == start).all(axis=1)] = end
-        moved = vectors.moved_shapes(context.document.sketch, selection.kind, start, end)
-        for path in screen_paths(context, moved, context.area):
-            draw_haloed(painter, path, SELECTED, 2.0)
+    shared = np.zeros(len(places), np.bool_)
+    if selection.is_vector:
+        shared = shared_nodes(features.network_of(sketch or document.sketch, selection.kind), places)
+    if drag is not None and drag.handle.is_vertex:
+        for each in features.nodes_at(drag.sketch, selection, drag.x, drag.y):
+            draw_feature(painter, context, each, SELECTED, sketch)
+    draw_feature(painter, context, selection, SELECTED, sketch)
     x, y = context.screens_from_world(*places.T)
     left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
     visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
@@ -70,8 +87,8 @@ def draw_selected_vector(
 
 def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
     """Draw the vectors of visible layers in an area."""
-    for layer in vectors.visible_vectors(context.document.sketch, context.workspace):
-        widths = vectors.widths_of(context.document.sketch, layer) * context.px_per_metre
+    for layer in features.visible_vectors(context.document.sketch, context.workspace):
+        widths = features.widths_of(context.document.sketch, layer) * context.px_per_metre
         uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
         order = np.argsort(layer.kinds == LINE, kind="stable")
         if uses and len(uses) > _MANY:
@@ -129,14 +146,14 @@ def _pens(layer: str, label: int, width: float) -> tuple[QPen, ...]:
     """Return the pens of a line of a width (px), one over the other: roads have a casing, railways ties."""
     colour = label_colour(layer, label)
     # Round caps would take three times the time.
-    is_thin = width <= vectors.LEAST_WIDTH
+    is_thin = width <= features.LEAST_WIDTH
     cap = Qt.PenCapStyle.FlatCap if is_thin else Qt.PenCapStyle.RoundCap
     join = Qt.PenJoinStyle.BevelJoin if is_thin else Qt.PenJoinStyle.RoundJoin
-    wide = max(width, vectors.LEAST_WIDTH)
+    wide = max(width, features.LEAST_WIDTH)
     pen = QPen(colour, wide, cap=cap, join=join)
     if LAYERS[layer].kind != "way":
         return (pen,)
-    casing = QPen(QColor(255, 255, 255, 210), wide + 2.0 * vectors.CASING, cap=cap, join=join)
+    casing = QPen(QColor(255, 255, 255, 210), wide + 2.0 * features.CASING, cap=cap, join=join)
     if layer == "railway":
         ties = QPen(QColor(255, 255, 255, 230), 0.5 * wide, cap=Qt.PenCapStyle.FlatCap, join=join)
         ties.setDashPattern([_DASH / ties.widthF(), _DASH / ties.widthF()])

@@ -3,36 +3,27 @@
 from __future__ import annotations
 
 import colorsys
-import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 from PyQt6.QtCore import QObject, pyqtSignal
 
-from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, class_value, draped_layer
 from sketchterrain.errors import InputError
-from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.ui.models.background import BackgroundReader
-from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
+from sketchterrain.ui.models.workspace import Selection, Workspace
 
 if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.drape.drapes import Drapes
+    from sketchterrain.drape.feature_edits import DrapedFeatures
     from sketchterrain.drape.raster_source import DrapedRaster
-    from sketchterrain.drape.vector_source import Feature, VectorSource
+    from sketchterrain.drape.vector_source import VectorSource
     from sketchterrain.ui.models.document import Document  # which reads drapes
 
-_Change: TypeAlias = "Callable[[DrapedLayer, Feature], DrapedLayer]"
-
-_MAX_HANDLES: Final = 1000  # of vertices
-_MAX_STEPS: Final = 1500  # along an outline
-_NUMBERS: Final = {"int64": (int, "a whole number"), "float64": (float, "a number")}  # by dtype
 _GOLDEN: Final = 0.618034  # of the circle of hues, from one colour to the next
 
 
@@ -46,7 +37,6 @@ class DrapeSources(QObject):
         self._document = document
         self.current: Drapes | None = None  # None without draped layers, and until the first ones are read
         self.held: tuple[int, int] | None = None  # layer and feature that are being edited
-        self._found: tuple[object, Feature | None] = (None, None)  # the last one
         self._wanted: tuple[object, ...] = ()
         self._failure = ""
         self._reader = BackgroundReader(self)
@@ -73,14 +63,9 @@ class DrapeSources(QObject):
         """Return the types of the properties in a layer's file; None unless it is a known vector file."""
         return getattr(self.source(number), "fields", None)
 
-    def feature(self, selection: Selection | None) -> Feature | None:
-        """Return the selected feature; None without one or if it is missing."""
-        if self.current is None or selection is None or not selection.is_draped or selection.id < 0:
-            return None
-        key = self.current, selection.layer, selection.id
-        if key != self._found[0]:
-            self._found = key, _find(*key)
-        return self._found[1]
+    def table(self, number: int) -> DrapedFeatures | None:
+        """Return the features of a vector layer; None until it is read."""
+        return _table(self.current, number)
 
     def hold(self, selection: Selection | None) -> None:
         """Draw a draped feature apart from its layer while it is edited."""
@@ -107,8 +92,10 @@ class DrapeSources(QObject):
             self._reader.read(partial(_read, current, layers, place), self._show)
 
     def _show(self, drapes: Drapes | None) -> None:
-        if self.held is not None and (drapes is None or _find(drapes, *self.held) is None):
-            self.hold(None)  # before it is gone
+        if self.held is not None:
+            table = _table(drapes, self.held[0])
+            if table is None or self.held[1] not in table:
+                self.hold(None)  # before it is gone
         self.current, self._failure = drapes, ""
         self.changed.emit()
 
@@ -117,16 +104,19 @@ class DrapeSources(QObject):
         self.changed.emit()
 
 
+def _table(drapes: Drapes | None, number: int) -> DrapedFeatures | None:
+    """Return the features of a layer of drapes; None unless it is a known vector layer."""
+    from sketchterrain.drape.feature_edits import DrapedFeatures
+
+    with suppress(InputError):
+        return None if drapes is None else DrapedFeatures.from_drapes(drapes, number)
+    return None
+
+
 def _read(base: Drapes | None, layers: tuple[DrapedLayer, ...], place: tuple[Any, ...]) -> Drapes:
     from sketchterrain.drape.drapes import Drapes
 
     return Drapes.open(layers, *place) if base is None else base.updated(layers)
-
-
-def _find(drapes: Drapes, layer: int, number: int) -> Feature | None:
-    with suppress(InputError, IndexError):
-        return drapes.feature(layer, number)
-    return None
 
 
 def new_drape(path: Path, number: int) -> DrapedLayer:
@@ -216,175 +206,3 @@ def refusal(document: Document, workspace: Workspace, number: int) -> str:
 def look_key(layer: DrapedLayer) -> str:
     """Return the name by which the workspace keeps a layer's lock."""
     return f"drape {layer.path}|{layer['table']}"
-
-
-def kind_and_size(feature: Feature) -> tuple[str, str]:
-    """Return a feature's kind and size."""
-    shape = feature.geometry
-    if shape.area > 0.0:
-        return "Area", f"{shape.area / 1e6:.3g} km²"
-    return ("Line", f"{shape.length / 1e3:.3g} km") if shape.length else ("Point", "")
-
-
-def outlines_of(
-    document: Document, selection: Selection | None, *, step: float = 0.0
-) -> tuple[Float64Array, ...]:
-    """Return the lines and borders of the selected feature, (n, 2) m; a point twice.
-
-    Points are at most `step` m apart, unless that is 0 or there would be too many.
-    """
-    import shapely
-
-    feature = document.drapes.feature(selection)
-    if feature is None:
-        return ()
-    shape = feature.geometry
-    if step:
-        shape = shapely.segmentize(shape, max(step, shape.length / _MAX_STEPS))
-    shape = shapely.boundary(shape) if shapely.get_dimensions(shape) == 2 else shape
-    lines = map(shapely.get_coordinates, shapely.get_parts(shape))
-    return tuple(np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in lines)
-
-
-def draped_handles(
-    document: Document, selection: Selection | None, *, spacing: float = 0.0
-) -> tuple[Handle, ...]:
-    """Return the handles of a feature: its vertices, corners of its box, and those that rotate and move it.
-
-    Of the vertices in a square of `spacing` m it is the first one; the active one is among them.
-    """
-    import shapely
-
-    feature = document.drapes.feature(selection)
-    if feature is None or selection is None:
-        return ()
-    whole, places = replace(selection, index=None), shapely.get_coordinates(feature.geometry)
-    some = np.arange(0, len(places), -(-len(places) // _MAX_HANDLES))
-    if spacing:
-        some = some[np.unique(places[some] // spacing, axis=0, return_index=True)[1]]
-    active = -1 if selection.index is None else selection.index
-    shown = {*some.tolist(), active} & {*range(len(places))}
-    vertices = [
-        Handle("point", replace(whole, index=at), *places[at].tolist(), *places[at].tolist())
-        for at in sorted(shown)
-    ]
-    (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
-    x, y = 0.5 * (west + east), 0.5 * (south + north)
-    if not (east > west or north > south):
-        return tuple(vertices)
-    corners = [
-        Handle("corner", whole, at_x, at_y, west + east - at_x, south + north - at_y)
-        for at_x, at_y in ((west, south), (east, south), (east, north), (west, north))
-    ]
-    return (*vertices, *corners, Handle("rotate", whole, x, north, x, y), Handle("move", whole, x, y, x, y))
-
-
-def dragged_feature(sketch: Sketch, feature: Feature, handle: Handle, x: float, y: float) -> Sketch:
-    """Return the sketch with a handle of a feature, as it was before, dragged to a position (m)."""
-    from sketchterrain.drape import feature_edits as edits
-
-    number, index = handle.selection.layer, handle.selection.index
-    layer, base = sketch.drapes[number], (handle.base_x, handle.base_y)
-    start, end = (handle.x - base[0], handle.y - base[1]), (x - base[0], y - base[1])
-    if handle.role == "point" and index is not None:
-        changed = edits.move_vertex(layer, feature, index, x, y)
-    elif handle.role == "corner":
-        east, north = (to / at if at and to else 1.0 for at, to in zip(start, end, strict=True))
-        changed = edits.scale_feature(layer, feature, (east, north), base)
-    elif handle.role == "rotate":
-        turn = math.atan2(end[1], end[0]) - math.atan2(start[1], start[0])
-        changed = edits.rotate_feature(layer, feature, math.degrees(turn), base)
-    else:
-        changed = edits.move_feature(layer, feature, x - handle.x, y - handle.y)
-    return with_layer(sketch, number, changed)
-
-
-def _edit(document: Document, workspace: Workspace, title: str, change: _Change) -> bool:
-    """Record a step that changes the selected feature; return whether there is one, or raise InputError."""
-    selection, feature = workspace.selection, document.drapes.feature(workspace.selection)
-    if selection is None or feature is None:
-        return False
-    if problem := refusal(document, workspace, selection.layer):
-        raise InputError(problem)
-    layer = document.sketch.drapes[selection.layer]
-    changed = with_layer(document.sketch, selection.layer, change(layer, feature))
-    document.do(f"{title} of {layer.title}", changed)
-    return True
-
-
-def delete_draped(document: Document, workspace: Workspace) -> None:
-    """Delete the active vertex, or without one the selected feature."""
-    from sketchterrain.drape import feature_edits as edits
-
-    selection = workspace.selection
-    if selection is None or selection.index is None:
-        if _edit(document, workspace, "Delete a feature", edits.delete_feature):
-            workspace.selection = None
-        return
-    _edit(document, workspace, "Delete a vertex", partial(edits.delete_vertex, vertex=selection.index))
-    is_left = document.drapes.feature(selection) is not None
-    workspace.selection = replace(selection, index=max(selection.index - 1, 0)) if is_left else None
-
-
-def insert_draped_vertex(
-    document: Document, workspace: Workspace, x: float, y: float, *, reach: float
-) -> bool:
-    """Insert a vertex in the selected feature and activate it; return whether it is within a distance (m)."""
-    import shapely
-
-    from sketchterrain.drape import feature_edits as edits
-
-    selection, feature = workspace.selection, document.drapes.feature(workspace.selection)
-    if selection is None or feature is None or feature.geometry.length == 0.0:
-        return False
-    lines, at = outlines_of(document, selection), shapely.Point(x, y)
-    points = np.concatenate(lines)
-    segments = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
-    distance = shapely.distance(segments, at)
-    distance[np.cumsum([len(line) for line in lines])[:-1] - 1] = np.inf  # from one line to the next
-    after = int(distance.argmin())
-    if distance[after] >= reach:
-        return False
-    x, y = segments[after].interpolate(segments[after].project(at)).coords[0]
-    _edit(document, workspace, "Insert a vertex", partial(edits.insert_vertex, vertex=after, x=x, y=y))
-    workspace.selection = replace(selection, index=after + 1)
-    return True
-
-
-def draw_draped(
-    document: Document, workspace: Workspace, number: int, points: list[tuple[float, float]]
-) -> None:
-    """Add a feature of the kind that the workspace draws, and select it; raise InputError if it cannot be."""
-    import shapely
-
-    from sketchterrain.drape.feature_edits import create_feature
-
-    layer, kind = document.sketch.drapes[number], workspace.drape_kind
-    source = cast("VectorSource", document.drapes.source(number))  # others are refused
-    places = drop_repeats(np.array(points))
-    least, make = {
-        "point": (1, lambda places: shapely.Point(places[0])),
-        "line": (2, shapely.LineString),
-        "area": (3, shapely.Polygon),
-    }[kind]
-    if len(places) < least:
-        raise InputError(f"{layer.title}: expected {least} points or more")
-    changed, feature = create_feature(layer, source, make(places), dict.fromkeys(source.fields))
-    document.do(f"Draw {kind} of {layer.title}", with_layer(document.sketch, number, changed))
-    workspace.selection = Selection("drape", feature, layer=number)
-
-
-def set_property(document: Document, workspace: Workspace, name: str, text: str) -> None:
-    """Set a property of the selected feature from a text; raise InputError if it is of another type."""
-    from sketchterrain.drape.feature_edits import set_properties
-
-    selection = workspace.selection
-    if selection is None:
-        return
-    kind = (document.drapes.fields(selection.layer) or {}).get(name, "")
-    convert, what = _NUMBERS.get(kind, (str, ""))
-    try:
-        value = convert(text) if text else None
-    except ValueError:
-        raise InputError(f"{name}: expected {what}, got {text!r}") from None
-    _edit(document, workspace, f"Set {name}", partial(set_properties, values={name: value}))

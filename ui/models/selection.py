@@ -1,8 +1,8 @@
 """The selection: hit testing of placed features, drag handles and drags, commands; one history step each."""
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -10,8 +10,7 @@ import numpy as np
 from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.edits import set_value
-from sketchterrain.features.table import LINE, on_grid
+from sketchterrain.features.picking import snapped
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     River,
@@ -22,14 +21,17 @@ from sketchterrain.schema.layers import LAYERS, layer_of, vector_of
 from sketchterrain.ui import commands
 from sketchterrain.ui.commands import find_parent_river, find_point, find_river, name_of
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models import vectors
+from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import dragged_feature, refusal
 from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 
-_MAX_HANDLES = 1000  # of a vector
-_ALONG = 0.1  # m along a line, which gives its direction
-_DECIMALS = 2  # of a dragged width, m
+_TITLES = {
+    "point": "Move a vertex of",
+    "corner": "Resize a feature of",
+    "rotate": "Rotate a feature of",
+    "move": "Move a feature of",
+    "width": "Set the width of",
+}
 _TREE_HEIGHT = 20.0  # m that a dense forest counts when compared with mountains
 
 
@@ -42,11 +44,7 @@ OFFSET_ROLES = ("width", "corner", "rotate")
 
 def handle_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
     """Return why a handle cannot be dragged; empty if it can."""
-    selection = handle.selection
-    if selection.is_draped:
-        return refusal(document, workspace, selection.layer)
-    node = document.sketch, workspace, selection.kind, handle.x, handle.y
-    return vectors.drag_refusal(*node) if selection.is_vector else ""
+    return "" if handle.selection.is_placed else features.drag_refusal(document, workspace, handle)
 
 
 def selections_at(
@@ -59,7 +57,7 @@ def selections_at(
     drapes = document.drapes.current
     draped = () if drapes is None else drapes.picks(x, y, texel)
     found = [(each.distance, Selection("drape", each.feature, layer=each.layer)) for each in draped]
-    found += vectors.vector_picks(document.sketch, workspace, x, y, texel)
+    found += features.vector_picks(document.sketch, workspace, x, y, texel)
     found.sort(key=lambda pair: pair[0])
     selections = [selection for _, selection in found if not (selection.is_draped and selection.id < 0)]
     if not selections and (object_there := select_at(placed, x, y, reach=REACH * texel)):
@@ -99,53 +97,6 @@ def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selecti
 def _of_water(kind: str, name: int) -> Selection:
     vector = vector_of(name)
     return Selection(kind, name) if vector is None else Selection(layer_of(name), vector)
-
-
-def vector_handles(sketch: Sketch, selection: Selection | None) -> tuple[Handle, ...]:
-    """Return handles for the vertices of the selected vector, of a large one every so many, and its width."""
-    feature = vectors.find_vector(sketch, selection)
-    if feature is None or selection is None:
-        return ()
-    places = np.concatenate(feature.rings).tolist()
-    step = -(-len(places) // _MAX_HANDLES)
-    width = vector_width_handle(sketch, selection)
-    vertices = (
-        Handle("point", Selection(selection.kind, selection.id, i), *places[i], *places[i])
-        for i in range(0, len(places), step)
-    )
-    return (*vertices, *([width] if width is not None else []))
-
-
-def vector_width_handle(sketch: Sketch, selection: Selection | None) -> Handle | None:
-    """Return the handle of a line's width: on its left, halfway along it; None if it is no line with one."""
-    feature = vectors.find_vector(sketch, selection)
-    if feature is None or selection is None or feature.kind != LINE:
-        return None
-    layer = sketch.vectors[selection.kind]
-    index = layer.index(selection.id)
-    line = vectors.curves_of(layer).shapes[index]
-    (x, y), (to_x, to_y) = (
-        line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
-    )
-    across = 0.5 * float(vectors.widths_of(sketch, layer)[index]) / max(math.hypot(to_x - x, to_y - y), 1e-9)
-    whole = Selection(selection.kind, selection.id)
-    return Handle("width", whole, x - across * (to_y - y), y + across * (to_x - x), x, y) if across else None
-
-
-def vertex_at(
-    sketch: Sketch, selection: Selection | None, x: float, y: float, *, reach: float
-) -> Handle | None:
-    """Return the vertex of the selected vector within a distance (m) of a position; the active one first."""
-    feature = vectors.find_vector(sketch, selection)
-    if feature is None or selection is None:
-        return None
-    places = np.concatenate(feature.rings)
-    distance = np.hypot(*(places - (x, y)).T)
-    if selection.index is not None and selection.index < len(places):
-        distance[selection.index] -= 1e-6
-    index = int(np.argmin(distance))
-    x, y = places[index].tolist()
-    return Handle("point", replace(selection, index=index), x, y, x, y) if distance[index] <= reach else None
 
 
 def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, ...]:
@@ -206,8 +157,8 @@ def _heights(points: StructuredArray, distance: Float64Array) -> Float64Array:
 class FeatureDrag:
     """A drag of a handle: edits the document, as one history step.
 
-    Vertices of vectors move with their nodes, and snap to others and to lines within `reach` (m). Those of
-    rivers and lakes move when the drag is finished.
+    Vertices snap to others and to lines within `reach` (m). The vertices of rivers and lakes move when the
+    drag is finished; `sketch` has them moved before.
     """
 
     def __init__(
@@ -219,15 +170,14 @@ class FeatureDrag:
         grab: tuple[float, float] | None = None,
         reach: float = 0.0,
     ) -> None:
-        self._document = document
-        self._placed = placed
-        self._before = document.sketch
+        self._document, self._placed = document, placed
+        self._before = self.sketch = document.sketch
         self._last: Sketch | None = document.sketch
         self._reach = reach
         is_angle = handle.role == "rotate"
         self._offset = (0.0, 0.0) if grab is None or is_angle else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
-        self._feature = document.drapes.feature(handle.selection)
+        self._table = features.table_of(document, handle.selection)
         document.drapes.hold(handle.selection)
         self.handle = handle
         self.x, self.y = handle.x, handle.y
@@ -243,20 +193,29 @@ class FeatureDrag:
         if not self.is_alive:
             return
         x, y = x + self._offset[0], y + self._offset[1]
-        if self.handle.is_vertex:
-            layers = vectors.network_of(self._before, self.handle.selection.kind)
-            near = vectors.snapped(layers, x, y, self._reach, other_than=(self.handle.x, self.handle.y))
-            x, y = near or on_grid((x, y)).tolist()
-        if self.handle.is_live:
-            self._change(x, y)
-        else:
+        handle, self.problem = self.handle, ""
+        if handle.is_vertex:
+            tables = self._tables
+            x, y = snapped(tables, x, y, self._reach, other_than=(handle.x, handle.y)) or (x, y)
+        try:
+            if self._table is None:
+                self.sketch = commands.dragged(self._before, self._placed, handle, x, y)
+            else:
+                self.sketch = features.dragged(self._before, self._table, handle, x, y)
+            if handle.is_live:
+                self._do(self.sketch)
             self.x, self.y = x, y
+        except InputError as error:
+            self.problem = str(error)
+
+    @cached_property
+    def _tables(self) -> Sequence[features.Table]:
+        return features.tables_near(self._document, self.handle.selection)
 
     def finish(self) -> None:
         """End the drag; `problem` tells why the last motion was not possible."""
-        is_moved = (self.x, self.y) != (self.handle.x, self.handle.y)
-        if not self.handle.is_live and is_moved and self.is_alive:
-            self._change(self.x, self.y)
+        if self.is_alive and self.sketch is not self._last:
+            self._do(self.sketch)
         self._last = None
         self._document.drapes.hold(None)
 
@@ -264,38 +223,18 @@ class FeatureDrag:
         """Revert and end the drag."""
         if self.is_alive and self._last is not self._before:
             self._do(self._before)
+        self.sketch, self._last = self._before, None
         self.x, self.y = self.handle.x, self.handle.y
-        self._last = None
         self._document.drapes.hold(None)
 
-    def _change(self, x: float, y: float) -> None:
-        self.problem = ""
-        try:
-            self._do(self._changed(x, y))
-            self.x, self.y = x, y
-        except InputError as error:
-            self.problem = str(error)
-
-    def _changed(self, x: float, y: float) -> Sketch:
-        before, handle = self._before, self.handle
-        kind, name = handle.selection.kind, handle.selection.id
-        if self._feature is not None:
-            return dragged_feature(before, self._feature, handle, x, y)
-        if not handle.selection.is_vector:
-            return commands.dragged(before, self._placed, handle, x, y)
-        if handle.is_vertex:
-            return commands.with_vectors(
-                before, *vectors.node_moved(before, kind, (handle.x, handle.y), (x, y))
-            )
-        parameter = LAYERS[kind].parameters["width"]
-        low, high = parameter.soft_range or (parameter.low, parameter.high)
-        width = round(2.0 * math.hypot(x - handle.base_x, y - handle.base_y), _DECIMALS)
-        changed = set_value(before.vectors[kind], name, "width", min(max(width, low), high))
-        return commands.with_vectors(before, changed)
-
     def _do(self, sketch: Sketch) -> None:
-        self._document.do(commands.drag_title(self._placed, self.handle), sketch, merge=self._merge)
-        self._last = self._document.sketch
+        selection, role = self.handle.selection, self.handle.role
+        if selection.is_placed:
+            title = commands.drag_title(self._placed, self.handle)
+        else:
+            title = f"{_TITLES[role]} {features.title_of(self._document, selection)}"
+        self._document.do(title, sketch, merge=self._merge)
+        self._last = self.sketch = self._document.sketch
 
 
 def add(document: Document, workspace: Workspace, kind: str, x: float, y: float) -> None:
@@ -323,7 +262,7 @@ reset = _command("Reset", commands.reset)
 def delete(document: Document, workspace: Workspace, placed: Placement, selection: Selection) -> None:
     """Delete an object and deselect it; of a vector its active vertex if there is one."""
     if not selection.is_placed:
-        vectors.delete_vector(document, workspace)
+        features.delete_feature(document, workspace)
     else:
         document.do(f"Delete {name_of(placed, selection)}", commands.deleted(document.sketch, selection))
         workspace.selection = None

@@ -372,13 +372,14 @@ class Handle:
 
     @property
     def is_vertex(self) -> bool:
-        """Whether it is a vertex of a vector."""
-        return self.role == "point" and self.selection.is_vector
+        """Whether it is a vertex of a feature."""
+        return self.role == "point" and not self.selection.is_placed
 
     @property
     def is_live(self) -> bool:
         """Whether the document follows a drag at once: not for vertices of rivers and lakes."""
-        return not (self.is_vertex and LAYERS[self.selection.kind].is_painted)
+        of_layer = self.selection.is_vector and LAYERS[self.selection.kind].is_painted
+        return not of_layer or self.role == "width"
 
 
 class Workspace(QObject):

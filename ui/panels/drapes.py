@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any, Final
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIcon
-from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QWidget
 
 from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.errors import one_line
@@ -29,7 +28,6 @@ from sketchterrain.ui.panels.layer_list import ROW_HEIGHT, LayerList, Row
 _OF_LAYER: Final = ("opacity", "blend", "finest", "coarsest", "title", "table", "band", "crs")
 _MOST: Final = 4  # rows of the list that are seen at once
 _OTHERS: Final = "All other features"
-_LONGEST: Final = 10_000  # characters of a property
 
 
 class DrapeList(QWidget):
@@ -278,58 +276,3 @@ class DrapePage(QWidget):
             changes = self._with_class(index, *(() if value is None else (DrapeClass(value, style),)))
             self._index = min(index, len(changes["classes"]) - 1)
             model.change_drape(self._document, self._number, "Set classes of", **changes)
-
-
-class DrapedFeaturePage(QWidget):
-    """Properties of the selected draped feature as texts; values keep their types."""
-
-    def __init__(self, document: Document, workspace: Workspace) -> None:
-        super().__init__()
-        self._document, self._workspace = document, workspace
-        self._shown: tuple[object, ...] = ()  # layer, feature and names
-        self._head = PageHead()
-        self.rows: dict[str, TextRow] = {}
-        self._fields = QWidget()
-        self._column: QVBoxLayout = column(self, self._head, self._fields, spacing=MARGIN)
-        for signal in (document.drapes.changed, workspace.selection_changed, workspace.look_changed):
-            signal.connect(self.refresh)
-        self.refresh()
-
-    def refresh(self, *_: object) -> None:
-        selection = self._workspace.selection
-        if selection is None or not selection.is_draped or selection.id < 0:
-            return
-        feature = self._document.drapes.feature(selection)
-        if feature is None:
-            self._head.show_text("Gone", "The selection no longer exists.")
-            self._fields.hide()
-            return
-        layer = self._document.sketch.drapes[selection.layer]
-        kind, size = model.kind_and_size(feature)
-        self._head.show_text(f"{kind} {feature.id} of {layer.title}", size)
-        shown = selection.layer, selection.id, *feature.properties
-        if self._shown != shown:
-            self._shown = shown
-            self._fill(feature.properties)
-        for name, value in feature.properties.items():
-            self.rows[name].show_value("" if value is None else str(value))
-        refusal = model.refusal(self._document, self._workspace, selection.layer)
-        self._fields.setEnabled(not refusal)
-        self._fields.setToolTip(refusal)
-        self._fields.show()
-
-    def _fill(self, names: Iterable[str]) -> None:
-        self.rows = {
-            name: TextRow(Parameter(name, str, "", 0, _LONGEST, "", ""), title=name, has_reset=False)
-            for name in names
-        }
-        for name, field in self.rows.items():
-            field.edited.connect(partial(self._set, name))
-        self._fields.deleteLater()
-        self._fields = QWidget()
-        column(self._fields, *self.rows.values(), spacing=SMALL)
-        self._column.addWidget(self._fields)
-
-    def _set(self, name: str, text: object, _: object) -> None:
-        with reported(self._document.message.emit, self.refresh):
-            model.set_property(self._document, self._workspace, name, str(text))

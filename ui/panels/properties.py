@@ -29,9 +29,9 @@ from sketchterrain.ui.panels.controls import (
     number,
     title_from_key,
 )
-from sketchterrain.ui.panels.drapes import DrapedFeaturePage, DrapePage
+from sketchterrain.ui.panels.drapes import DrapePage
+from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
-from sketchterrain.ui.panels.vector_page import VectorPage
 
 _SHAPE = ACTIONS["add"].required
 _HEIGHT = replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top")
@@ -297,14 +297,13 @@ class PropertiesPanel(ScrollingPanel):
         super().__init__()
         self._workspace = workspace
         self.selection_page = SelectionPage(document, workspace, link)
-        self.vector_page = VectorPage(document, workspace)
+        self.feature_page = FeaturePage(document, workspace)
         self.drape_page = DrapePage(document, workspace)
-        self.draped_feature_page = DrapedFeaturePage(document, workspace)
         self.label_page = LabelPage(document, workspace)
         self.back = QPushButton()
         self.back.setToolTip("Clear the selection and show the active label")
         self.back.clicked.connect(self._clear_selection)
-        pages = self.selection_page, self.vector_page, self.drape_page, self.draped_feature_page
+        pages = self.selection_page, self.feature_page, self.drape_page
         self.add(*pages, self.back, self.label_page)
         self._pages = *pages, self.label_page
         workspace.selection_changed.connect(self._refresh)
@@ -314,10 +313,10 @@ class PropertiesPanel(ScrollingPanel):
     def _refresh(self) -> None:
         selection = self._workspace.selection
         shown: QWidget = self.label_page
-        if selection is not None and selection.is_draped:
-            shown = self.drape_page if selection.id < 0 else self.draped_feature_page
+        if selection is not None and selection.is_draped and selection.id < 0:
+            shown = self.drape_page
         elif selection is not None:
-            shown = self.vector_page if selection.is_vector else self.selection_page
+            shown = self.selection_page if selection.is_placed else self.feature_page
         for page in self._pages:
             page.setVisible(page is shown)
         self.back.setVisible(selection is not None)

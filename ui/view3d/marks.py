@@ -1,7 +1,8 @@
 """Marks over the 3-D view: features, rivers and handles in pixels, and hit tests."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -9,14 +10,12 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.picking import curves_of, outlines_of
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.schema.layers import LAYERS, id_of_vector
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.selection import OFFSET_ROLES, handles_of, vector_handles
-from sketchterrain.ui.models.vectors import find_vector, moved_shapes
+from sketchterrain.ui.models.selection import OFFSET_ROLES, handles_of
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
@@ -29,7 +28,14 @@ _POINT_SPACING = 13.0  # px between a river's visible control points
 _NEAR_AXIS = 20.0  # m from a station of a way's axis that is beside a place
 _WIDTH_ARM = 14.0  # px from a river's bank to the handle of its width, for rivers are thin
 
-Drag = tuple[Handle, float, float]  # a handle and where it has been dragged (m)
+
+class Drag(NamedTuple):
+    """A handle and where it has been dragged (m)."""
+
+    handle: Handle
+    x: float
+    y: float
+    sketch: Sketch  # that shows it, also where the document does not follow yet
 
 
 @dataclass(frozen=True)
@@ -93,9 +99,8 @@ class MarkBuilder:
     placed: Placement
     selection: Selection | None
     drag: Drag | None = None
-    sketch: Sketch | None = None  # of vectors
-    outlines: tuple[Float64Array, ...] = ()  # of the selected draped feature, (n, 2) m
-    draped: tuple[Handle, ...] = ()  # its handles
+    lines: Sequence[Float64Array] = ()  # of the selected feature, (n, 2) m
+    handles: tuple[Handle, ...] = ()  # of it
 
     def marks(self, *, all_features: bool) -> Marks:
         """Return the marks of all features, or of the selection only."""
@@ -140,10 +145,9 @@ class MarkBuilder:
     def _outline(self) -> tuple[Segments, ...]:
         if self.selection is None:
             return ()
-        if self.outlines:
-            return self._on_terrain(self.outlines)
-        if self.sketch is not None and find_vector(self.sketch, self.selection) is not None:
-            return self._vector(self.sketch, self.selection)
+        if self.lines:
+            thinned = (line[_thin(len(line), _MAX_SHORE_SEGMENTS)] for line in self.lines)
+            return tuple(self._segments(self._drape(line)) for line in thinned)
         find = (self.placed, self.selection)
         river, point, lake = find_river(*find), find_point(*find), find_lake(*find)
         if lake is not None:
@@ -154,27 +158,11 @@ class MarkBuilder:
         if point is None:
             return ()
         x, y, radius = float(point["x"]), float(point["y"]), float(point["radius"])
-        if self.drag is not None and self.drag[0].role == "move":
-            x, y = self.drag[1:]
-        elif self.drag is not None and self.drag[0].role == "radius":
-            radius = float(np.hypot(self.drag[1] - x, self.drag[2] - y))
+        if self.drag is not None and self.drag.handle.role == "move":
+            x, y = self.drag.x, self.drag.y
+        elif self.drag is not None and self.drag.handle.role == "radius":
+            radius = float(np.hypot(self.drag.x - x, self.drag.y - y))
         return (self._segments(self.terrain.drape(circle(x, y, radius))),)
-
-    def _vector(self, sketch: Sketch, selection: Selection) -> tuple[Segments, ...]:
-        """Return the outline of the selected vector, and of all at the node that is dragged."""
-        import shapely
-
-        layer = sketch.vectors[selection.kind]
-        shapes = curves_of(layer).shapes[[layer.index(selection.id)]]
-        if self.drag is not None and not self.drag[0].is_live:
-            handle, x, y = self.drag
-            shapes = moved_shapes(sketch, selection.kind, (handle.x, handle.y), (x, y))
-        return self._on_terrain(map(shapely.get_coordinates, shapely.get_parts(outlines_of(shapes))))
-
-    def _on_terrain(self, lines: Iterable[Float64Array]) -> tuple[Segments, ...]:
-        """Return lines (n, 2), those of more than some thousand points simplified."""
-        thinned = (line[_thin(len(line), _MAX_SHORE_SEGMENTS)] for line in lines)
-        return tuple(self._segments(self._drape(line)) for line in thinned)
 
     def _drape(self, places: Float64Array) -> Float64Array:
         """Return places (n, 2) on the terrain, (n, 3), or above it on bridges of the selected way."""
@@ -196,9 +184,7 @@ class MarkBuilder:
         return Segments(pixels, (hidden[:-1] & hidden[1:])[visible])
 
     def _handles(self) -> tuple[HandleMark, ...]:
-        handles = self.draped or handles_of(self.placed, self.selection)
-        if self.sketch is not None and not handles:
-            handles = vector_handles(self.sketch, self.selection)
+        handles = self.handles or handles_of(self.placed, self.selection)
         if not handles:
             return ()
         places, bases = self._handle_places(handles)
@@ -211,7 +197,7 @@ class MarkBuilder:
                 continue
             pixel = projected.pixels[i]
             if handle.role == "point":
-                is_dragged = self.drag is not None and self.drag[0] == handle
+                is_dragged = self.drag is not None and self.drag.handle == handle
                 is_active = handle.selection == self.selection or is_dragged
                 if np.hypot(*(pixel - last)) < _POINT_SPACING and not is_active:
                     continue
@@ -228,8 +214,8 @@ class MarkBuilder:
         """Return handles and their bases on the terrain, (n, 3); a moved centre moves all of them."""
         places = np.array([(each.x, each.y) for each in handles])
         bases = np.array([(each.base_x, each.base_y) for each in handles])
-        if self.drag is not None:
-            handle, x, y = self.drag
+        if self.drag is not None and self.drag.handle.selection.is_placed:
+            handle, x, y, _ = self.drag
             if handle.role == "move":
                 shift = np.array([x - handle.x, y - handle.y])
                 places, bases = places + shift, bases + shift

@@ -16,6 +16,7 @@ from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.features import insert_vertex
 from sketchterrain.ui.models.selection import (
     REACH,
     FeatureDrag,
@@ -25,10 +26,9 @@ from sketchterrain.ui.models.selection import (
     next_below,
     selections_at,
 )
-from sketchterrain.ui.models.vectors import insert_vertex
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
-from sketchterrain.ui.view3d.marks import HandleMark, Marks
+from sketchterrain.ui.view3d.marks import Drag, HandleMark, Marks
 from sketchterrain.ui.view3d.scene import Scene
 
 Place = tuple[float, float, float]
@@ -73,8 +73,8 @@ class HandleDrag(FeatureDrag):
         self._is_moved = False
 
     @property
-    def state(self) -> tuple[Handle, float, float]:
-        return self.handle, self.x, self.y
+    def state(self) -> Drag:
+        return Drag(self.handle, self.x, self.y, self.sketch)
 
     def move(self, projection: Projection, at: QPointF) -> None:
         """Drag to a pixel; above the horizon nothing changes."""
@@ -329,7 +329,7 @@ class ViewMouse(QObject):
         drag = self._scene.drag
         if self._drag is not None or drag is None:
             return
-        handle, x, y = drag
+        handle, x, y, _ = drag
         if not handle.selection.is_placed:  # it moves at once
             self._forget_drag()
             return

@@ -6,6 +6,7 @@ from typing import Final
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QTransform
 
+from sketchterrain.array_types import Float64Array
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.commands import find_point, find_river, is_locked, name_of
@@ -13,7 +14,7 @@ from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.look.layer_colours import layer_glyph
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import draped_handles, outlines_of
+from sketchterrain.ui.models.features import box_handles, lines_of, nodes_at, vertex_handles
 from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, eye_height_text, length_text, scale_bar
 from sketchterrain.ui.view3d.marks import Dot, Drag, HandleMark, MarkBuilder, Marks, Segments
@@ -166,15 +167,24 @@ class Scene:
             projection, terrain = self.projection(width, height), self.terrain()
             self._marks = Marks()
             if projection and terrain is not None:
-                document, selection = self.document, workspace.selection
-                lines = outlines_of(document, selection, step=2.0 * document.sketch.pixel_size)
-                draped = draped_handles(document, selection)
-                drag = None if draped else self.drag  # a draped feature follows at once
+                selection = workspace.selection
                 builder = MarkBuilder(
-                    projection, terrain, link.placed, selection, drag, document.sketch, lines, draped
+                    projection, terrain, link.placed, selection, self.drag, *self._selected_feature()
                 )
                 self._marks = builder.marks(all_features=all_features)
         return self._marks
+
+    def _selected_feature(self) -> tuple[list[Float64Array], tuple[Handle, ...]]:
+        """Return lines and handles of the selected feature, and lines of all at a node that is dragged."""
+        document, shown, sketch, drag = self.document, [self.workspace.selection], None, self.drag
+        if drag is not None and not drag.handle.selection.is_placed:
+            sketch = drag.sketch
+            if drag.handle.is_vertex:
+                shown += nodes_at(sketch, drag.handle.selection, drag.x, drag.y)
+        step = 2.0 * document.sketch.pixel_size
+        lines = [line for each in shown for line in lines_of(document, each, sketch, step=step)]
+        of_selection = document, self.workspace.selection, sketch
+        return lines, (*vertex_handles(*of_selection), *box_handles(*of_selection))
 
     def paint(self, painter: QPainter, size: QRectF, ratio: float, *, dim: bool, is_refining: bool) -> None:
         """Paint picture, marks, label and scale bar."""
@@ -222,8 +232,8 @@ class Scene:
         point = find_point(placed, selection)
         if river is not None and index is None:
             text += f" · {length_text(float(river.centreline_width[len(river.centreline_width) // 2]))} wide"
-        elif point is not None and self.drag is not None and self.drag[0].role == "radius":
-            x, y = self.drag[1] - self.drag[0].base_x, self.drag[2] - self.drag[0].base_y
+        elif point is not None and self.drag is not None and self.drag.handle.role == "radius":
+            x, y = self.drag.x - self.drag.handle.base_x, self.drag.y - self.drag.handle.base_y
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
         elif point is not None and not LAYERS[FEATURE_TYPES[point["type"]]].is_share:
             text += f" · {length_text(float(point['strength']))}"

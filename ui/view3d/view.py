@@ -14,9 +14,8 @@ from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Fly, Look
 from sketchterrain.ui.look.theme import active_theme, draw_focus
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drapes import outlines_of
+from sketchterrain.ui.models.features import lines_of
 from sketchterrain.ui.models.selection import delete_or_reset
-from sketchterrain.ui.models.vectors import find_vector
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.view3d.camera import FLYING_KEYS, flight, motion_to, overview
 from sketchterrain.ui.view3d.hud import Hud
@@ -95,8 +94,7 @@ class View3D(QWidget):
 
     def see_selection(self) -> None:
         area, selection = self._link.area(), self._workspace.selection
-        vector = find_vector(self._document.sketch, selection)
-        lines = outlines_of(self._document, selection) if vector is None else vector.rings
+        lines = lines_of(self._document, selection)
         motion = None if area is None else motion_to(self._link.placed, selection, lines, size=area[0][2:])
         if motion is None:
             self.see_all()

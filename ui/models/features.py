@@ -1,0 +1,568 @@
+"""Features of the sketch's own and draped layers: picking, snapping, handles, edits of one step each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+
+from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.errors import InputError
+from sketchterrain.features import edits
+from sketchterrain.features.picking import (
+    PICK,
+    curves_of,
+    nearest_place,
+    outline_of,
+    outlines_of,
+    snapped,
+)
+from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer, on_grid
+from sketchterrain.geometry.splines import drop_repeats
+from sketchterrain.schema.layers import LAYERS, VECTOR_ORDER, storey
+from sketchterrain.schema.parameters import Value
+from sketchterrain.ui.commands import with_vectors
+from sketchterrain.ui.models import drapes
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
+
+if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
+    from shapely.geometry.base import BaseGeometry
+
+    from sketchterrain.drape.feature_edits import DrapedFeatures
+
+Table: TypeAlias = "VectorLayer | DrapedFeatures"
+
+LEAST_WIDTH: Final = 1.5
+"""Logical px of a line on the canvas."""
+
+CASING: Final = 1.0
+"""Logical px of the light rim of a way, on each side."""
+
+_ON_LINE = 0.01  # m
+_AT_VERTEX = 0.1  # m from a vertex, where two lines that share it cross
+_OFFSET = 0.02  # of what is pasted, over the sketch's extent
+_MAX_HANDLES = 1000  # of vertices
+_MAX_STEPS = 1500  # along an outline
+_ALONG = 0.1  # m along a line, which gives its direction
+_DECIMALS = 2  # of a dragged width, m
+_LEAST: Final = {POINT: 1, LINE: 2, AREA: 3}  # points that are drawn
+_NUMBERS: Final = {"int64": (int, "a whole number"), "float64": (float, "a number")}  # by dtype
+
+
+def table_of(document: Document, selection: Selection | None, sketch: Sketch | None = None) -> Table | None:
+    """Return the layer of the selected feature; None without one or if it is missing."""
+    if selection is None or selection.is_placed:
+        return None
+    if selection.is_draped:
+        table = document.drapes.table(selection.layer)
+        return table if table is not None and selection.id >= 0 and selection.id in table else None
+    layer = (sketch or document.sketch).vectors[selection.kind]
+    return layer if selection.id in layer else None
+
+
+def find_feature(
+    document: Document, selection: Selection | None, sketch: Sketch | None = None
+) -> VectorFeature | None:
+    """Return the selected feature; None without one or if it is missing."""
+    table = table_of(document, selection, sketch)
+    return None if table is None or selection is None else table.feature(selection.id)
+
+
+def drawn_shape(
+    document: Document, selection: Selection | None, sketch: Sketch | None = None
+) -> BaseGeometry | None:
+    """Return the selected feature as it is drawn; None without one."""
+    table = table_of(document, selection, sketch)
+    if table is None or selection is None:
+        return None
+    if isinstance(table, VectorLayer):
+        return curves_of(table).shapes[table.index(selection.id)]
+    return table.source.feature(selection.id).geometry
+
+
+def lines_of(
+    document: Document, selection: Selection | None, sketch: Sketch | None = None, *, step: float = 0.0
+) -> list[Float64Array]:
+    """Return the lines and borders of the selected feature, (n, 2) m; a point twice.
+
+    Points are at most `step` m apart, unless that is 0 or there would be too many.
+    """
+    import shapely
+
+    shape = drawn_shape(document, selection, sketch)
+    if shape is None:
+        return []
+    if step:
+        shape = shapely.segmentize(shape, max(step, shape.length / _MAX_STEPS))
+    lines = map(shapely.get_coordinates, shapely.get_parts(outlines_of(np.array([shape]))))
+    return [np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in lines]
+
+
+def title_of(document: Document, selection: Selection) -> str:
+    """Return the name of the layer of a feature in titles of steps."""
+    if selection.is_draped:
+        return document.sketch.drapes[selection.layer].title
+    return LAYERS[selection.kind].title.lower()
+
+
+def refusal(document: Document, workspace: Workspace, selection: Selection) -> str:
+    """Return why the features of a layer cannot be edited; empty if they can."""
+    if selection.is_draped:
+        return drapes.refusal(document, workspace, selection.layer)
+    return workspace.refusal(selection.kind)
+
+
+def network_of(sketch: Sketch, name: str) -> list[VectorLayer]:
+    """Return the layers that share nodes with a layer, itself first."""
+    return [sketch.vectors[each] for each in edits.network_layers(name)]
+
+
+def nodes_at(sketch: Sketch, selection: Selection, x: float, y: float) -> list[Selection]:
+    """Return the other features with a node at a position (m) in the network of a feature."""
+    layers = [] if selection.is_draped else network_of(sketch, selection.kind)
+    found = [(layer.layer, each.id) for layer in layers for each in layer.features_at(x, y)]
+    return [Selection(*each) for each in found if each != (selection.kind, selection.id)]
+
+
+def tables_near(document: Document, selection: Selection, sketch: Sketch | None = None) -> Sequence[Table]:
+    """Return the layers that the vertices of a layer snap to."""
+    if selection.is_draped:
+        table = document.drapes.table(selection.layer)
+        return [] if table is None else [table]
+    return network_of(sketch or document.sketch, selection.kind)
+
+
+def with_tables(sketch: Sketch, selection: Selection, *tables: Table) -> Sketch:
+    """Return the sketch with other layers in place of that of a feature, and of its network."""
+    own = [each for each in tables if isinstance(each, VectorLayer)]
+    draped = (each.layer for each in tables if not isinstance(each, VectorLayer))
+    sketch = with_vectors(sketch, *own) if own else sketch
+    return next((drapes.with_layer(sketch, selection.layer, each) for each in draped), sketch)
+
+
+def change_features(
+    document: Document,
+    workspace: Workspace,
+    title: str,
+    selection: Selection,
+    *tables: Table,
+    merge: Hashable | None = None,
+) -> None:
+    """Record a step that replaces the layers of a feature and its network; raise InputError if it may not."""
+    if problem := refusal(document, workspace, selection):
+        raise InputError(problem)
+    vectors = document.sketch.vectors
+    changed = [
+        each for each in tables if not isinstance(each, VectorLayer) or each is not vectors[each.layer]
+    ]
+    for name in (each.layer for each in changed if isinstance(each, VectorLayer)):
+        if workspace.look(name).locked:
+            raise InputError(workspace.refusal(name))
+    if changed:
+        title = f"{title} {title_of(document, selection)}"
+        document.do(title, with_tables(document.sketch, selection, *changed), merge=merge)
+
+
+def widths_of(sketch: Sketch, layer: VectorLayer) -> Float64Array:
+    """Return the width of each line of a layer (m), 0 of the rest."""
+    name = layer.layer
+    if "width" not in LAYERS[name].parameters:
+        return np.zeros(len(layer))
+    return np.where(layer.kinds == LINE, sketch.vector_widths(name), 0.0)
+
+
+def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
+    """Return the visible layers that have vectors, from bottom to top."""
+    names = [name for name in VECTOR_ORDER if workspace.look(name).visible]
+    return [sketch.vectors[name] for name in names if len(sketch.vectors[name])]
+
+
+def vector_picks(
+    sketch: Sketch, workspace: Workspace, x: float, y: float, texel: float
+) -> Iterator[tuple[float, Selection]]:
+    """Yield the visible vectors at a position (m) or near it, the topmost first, and how far (m) they are.
+
+    The distance of what is drawn there is 0; a pixel is `texel` m.
+    """
+    for layer in visible_vectors(sketch, workspace)[::-1]:
+        half = 0.5 * np.maximum(widths_of(sketch, layer), LEAST_WIDTH * texel)
+        rim = CASING * texel if LAYERS[layer.layer].kind == "way" else 0.0
+        rows, distance, inside = curves_of(layer).near(x, y, float(half.max()) + rim + PICK * texel)
+        gap = np.where(inside, 0.0, np.maximum(distance - half[rows], 0.0))
+        is_line = layer.kinds[rows] == LINE
+        body = is_line & (gap == 0.0)  # over the rims of all ways, which are over areas
+        gap = np.maximum(gap - rim, 0.0)
+        for each in np.lexsort((rows, is_line, body))[::-1].tolist():
+            if gap[each] <= PICK * texel:
+                yield float(gap[each]), Selection(layer.layer, int(layer.ids[rows[each]]))
+
+
+def snap(
+    document: Document,
+    workspace: Workspace,
+    selection: Selection,
+    x: float,
+    y: float,
+    reach: float,
+    **options: tuple[float, float] | None,
+) -> tuple[float, float] | None:
+    """Return the vertex or place on a line that a new vertex of a layer snaps to, within a distance (m)."""
+    tables = tables_near(document, selection)
+    shown = [
+        each for each in tables if not isinstance(each, VectorLayer) or workspace.look(each.layer).visible
+    ]
+    return snapped(shown, x, y, reach, **options)
+
+
+def _at_node(layer: VectorLayer, place: tuple[float, float] | None) -> Int64Array:
+    """Return the indices of the features that have a node at a position."""
+    own = [] if place is None else [each.id for each in layer.features_at(*place)]
+    return np.array([layer.index(each) for each in own], np.int64)
+
+
+def with_nodes(
+    layer: VectorLayer, places: Float64Array, *, other_than: tuple[float, float] | None = None
+) -> VectorLayer:
+    """Return the layer with vertices at those of some positions (m) that are on its lines and borders.
+
+    `other_than`: not in features that have a node at a position.
+    """
+    curves, own = curves_of(layer), _at_node(layer, other_than)
+    found: dict[int, list[tuple[int, float, float, float]]] = {}
+    for x, y in np.unique(places, axis=0).tolist():
+        index = None
+        if not len(edits.vertices_at(layer, x, y)):
+            index = curves.nearest(x, y, _ON_LINE, without=own)
+        if index is not None:
+            feature = layer.feature(int(layer.ids[index]))
+            _, after, _ = nearest_place(feature, curves.outlines[index], x, y)
+            beyond = float(np.hypot(*(np.concatenate(feature.rings)[after] - (x, y))))
+            found.setdefault(feature.id, []).append((after, beyond, x, y))
+    for name, each in found.items():
+        at = np.array(sorted(each))
+        layer = edits.insert_vertices(layer, name, at[:, 0].astype(np.int64), at[:, 2:])
+    return layer
+
+
+def with_feature(sketch: Sketch, name: str, feature: VectorFeature) -> list[VectorLayer]:
+    """Return the layers of a network, `name` first, with another feature, joined where it touches others.
+
+    Roads, railways and paths are also joined where they cross at one level, areas where they touch.
+    """
+    layers = network_of(sketch, name)
+    own = VectorLayer(name).edited(add=[feature])
+    if feature.kind == AREA:
+        own = with_nodes(own, np.concatenate([_vertices_on(own, layer) for layer in layers]))
+    if LAYERS[name].kind == "way":
+        own = with_nodes(own, _crossings(sketch, own, layers))
+    first, *others = (with_nodes(layer, own.vertices) for layer in layers)
+    return [first.edited(add=[replace(own.feature(1), id=0)]), *others]
+
+
+def _vertices_on(own: VectorLayer, layer: VectorLayer) -> Float64Array:
+    """Return the vertices of a layer on the lines and borders of a small one, (n, 2), m."""
+    import shapely
+
+    low, high = own.vertices.min(axis=0) - _ON_LINE, own.vertices.max(axis=0) + _ON_LINE
+    pieces = [piece.vertices for _, piece in layer.pieces_near(*low.tolist(), *high.tolist())]
+    places = np.concatenate([np.zeros((0, 2)), *pieces])
+    places = places[((places >= low) & (places <= high)).all(axis=1)]
+    border = shapely.union_all(curves_of(own).outlines)
+    return np.asarray(places[shapely.dwithin(shapely.points(places), border, _ON_LINE)])
+
+
+def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) -> Float64Array:
+    """Return where a new line crosses those at its level, away from its vertices, (n, 2), m."""
+    import shapely
+
+    (line,) = curves_of(own).shapes
+    (level,) = _storeys(sketch, own, [0])
+    found = [np.zeros((0, 2))]
+    for layer in layers:
+        shapes, rows = curves_of(layer).shapes, curves_of(layer).touching(line.bounds)
+        rows = rows[shapely.crosses(shapes[rows], line)].tolist()
+        same = [row for row, other in zip(rows, _storeys(sketch, layer, rows), strict=True) if other == level]
+        found.append(shapely.get_coordinates(shapely.intersection(line, shapes[same])))
+    places = on_grid(np.concatenate(found))
+    near = shapely.dwithin(shapely.points(places), shapely.multipoints(own.vertices), _AT_VERTEX)
+    return places[~near]
+
+
+def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
+    """Return the levels of some ways; those of bridges and tunnels follow from that unless they are given."""
+    labels = layer.labels[rows].tolist()
+    values = [
+        {**sketch.properties(layer.layer, label), **own}
+        for label, own in zip(labels, layer.properties(rows), strict=True)
+    ]
+    return [storey(each["level"], each["structure"]) for each in values]
+
+
+def reshaped(sketch: Sketch, selection: Selection, table: Table, places: Float64Array) -> Sketch:
+    """Return the sketch with the vertices of a feature at other positions (n, 2), m.
+
+    Of the sketch's own layers the nodes move, with all that share them. A node that is moved alone onto a
+    line or border is a vertex of that too.
+    """
+    if not isinstance(table, VectorLayer):
+        return with_tables(sketch, selection, edits.with_places(table, selection.id, places))
+    before, places = np.concatenate(table.feature(selection.id).rings), on_grid(places)
+    moved = (before != places).any(axis=1)
+    starts, ends, layers = before[moved], places[moved], network_of(sketch, selection.kind)
+    if len(starts) == 1:
+        layers = [with_nodes(layer, ends, other_than=_pair(starts[0])) for layer in layers]
+    if not len(starts):
+        return sketch
+    return with_vectors(sketch, *(edits.move_nodes(layer, starts, ends) for layer in layers))
+
+
+def _pair(place: Float64Array) -> tuple[float, float]:
+    x, y = place.tolist()
+    return x, y
+
+
+def dragged(sketch: Sketch, table: Table, handle: Handle, x: float, y: float) -> Sketch:
+    """Return the sketch with a handle of a feature, as it was before, dragged to a position (m)."""
+    selection, base = handle.selection, np.array([handle.base_x, handle.base_y])
+    if handle.role == "width":
+        parameter = LAYERS[selection.kind].parameters["width"]
+        low, high = parameter.soft_range or (parameter.low, parameter.high)
+        width = round(2.0 * math.hypot(x - handle.base_x, y - handle.base_y), _DECIMALS)
+        changed = edits.set_value(table, selection.id, "width", min(max(width, low), high))
+        return with_tables(sketch, selection, changed)
+    places = np.concatenate(table.feature(selection.id).rings)
+    start, end = np.array([handle.x, handle.y]) - base, np.array([x, y]) - base
+    if handle.role == "point":
+        places[selection.index] = x, y
+    elif handle.role == "corner":
+        factors = [to / at if at and to else 1.0 for at, to in zip(start, end, strict=True)]
+        places = base + (places - base) * factors
+    elif handle.role == "rotate":
+        turn = math.atan2(end[1], end[0]) - math.atan2(start[1], start[0])
+        across, along = math.cos(turn), math.sin(turn)
+        places = base + (places - base) @ np.array([[across, along], [-along, across]])
+    else:
+        places = places + (end - start)
+    return reshaped(sketch, selection, table, places)
+
+
+def drag_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
+    """Return why a handle of a feature cannot be dragged; empty if it can."""
+    selection, feature = handle.selection, find_feature(document, handle.selection)
+    problem = refusal(document, workspace, selection)
+    if problem or feature is None or selection.is_draped or handle.role == "width":
+        return problem
+    places = np.concatenate(feature.rings)
+    moved = places[[selection.index]] if handle.role == "point" else places
+    names = [each.layer for each in network_of(document.sketch, selection.kind)]
+    locked = (name for name in names if workspace.look(name).locked)
+    shared = (name for name in locked if len(edits.vertices_among(document.sketch.vectors[name], moved)))
+    return next(map(workspace.refusal, shared), "")
+
+
+def vertex_handles(
+    document: Document, selection: Selection | None, sketch: Sketch | None = None
+) -> tuple[Handle, ...]:
+    """Return handles for the vertices of the selected feature, of a large one every so many."""
+    feature = find_feature(document, selection, sketch)
+    if feature is None or selection is None:
+        return ()
+    places = np.concatenate(feature.rings).tolist()
+    shown = set(range(0, len(places), -(-len(places) // _MAX_HANDLES)))
+    shown |= {selection.index} & {*range(len(places))} if selection.index is not None else set()
+    return tuple(
+        Handle("point", replace(selection, index=at), *places[at], *places[at]) for at in sorted(shown)
+    )
+
+
+def box_handles(
+    document: Document, selection: Selection | None, sketch: Sketch | None = None
+) -> tuple[Handle, ...]:
+    """Return handles of the selected feature: its box's corners, rotation, place, and the width of a line."""
+    feature = find_feature(document, selection, sketch)
+    if feature is None or selection is None:
+        return ()
+    whole, places = replace(selection, index=None), np.concatenate(feature.rings)
+    (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+    if not (east > west or north > south):
+        return ()
+    x, y = 0.5 * (west + east), 0.5 * (south + north)
+    corners = ((west, south), (east, south), (east, north), (west, north))
+    width = _width_handle(sketch or document.sketch, whole) if whole.is_vector else None
+    return (
+        *(Handle("corner", whole, *at, west + east - at[0], south + north - at[1]) for at in corners),
+        *(Handle("rotate", whole, x, north, x, y), Handle("move", whole, x, y, x, y)),
+        *([width] if width is not None else []),
+    )
+
+
+def _width_handle(sketch: Sketch, whole: Selection) -> Handle | None:
+    """Return the handle of a line's width: on its left, halfway along it; None if it is no line with one."""
+    layer = sketch.vectors[whole.kind]
+    index = layer.index(whole.id)
+    half = 0.5 * float(widths_of(sketch, layer)[index])
+    if not half:
+        return None
+    line = curves_of(layer).shapes[index]
+    (x, y), (to_x, to_y) = (
+        line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
+    )
+    across = half / max(math.hypot(to_x - x, to_y - y), 1e-9)
+    return Handle("width", whole, x - across * (to_y - y), y + across * (to_x - x), x, y)
+
+
+def vertex_at(
+    document: Document, selection: Selection | None, x: float, y: float, *, reach: float
+) -> Handle | None:
+    """Return the vertex of the selected feature within a distance (m) of a position; the active one first."""
+    feature = find_feature(document, selection)
+    if feature is None or selection is None:
+        return None
+    places = np.concatenate(feature.rings)
+    distance = np.hypot(*(places - (x, y)).T)
+    if selection.index is not None and selection.index < len(places):
+        distance[selection.index] -= 1e-6
+    index = int(np.argmin(distance))
+    x, y = places[index].tolist()
+    return Handle("point", replace(selection, index=index), x, y, x, y) if distance[index] <= reach else None
+
+
+def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, *, reach: float) -> bool:
+    """Insert a vertex in the selected feature and activate it; return whether it is within a distance (m)."""
+    selection, table = workspace.selection, table_of(document, workspace.selection)
+    if table is None or selection is None or (feature := table.feature(selection.id)).kind == POINT:
+        return False
+    distance, after, place = nearest_place(feature, outline_of(table, feature), x, y)
+    if distance > reach:
+        return False
+    changed = edits.insert_vertices(table, selection.id, [after], [place])
+    change_features(document, workspace, "Insert a vertex in", selection, changed)
+    workspace.selection = replace(selection, index=after + 1)
+    return True
+
+
+def delete_feature(document: Document, workspace: Workspace) -> None:
+    """Delete the active vertex, or without one the selected feature."""
+    selection, table = workspace.selection, table_of(document, workspace.selection)
+    if table is None or selection is None:
+        return
+    index, vertices = selection.index, sum(map(len, table.feature(selection.id).rings))
+    if index is None or index >= vertices:  # it has fewer vertices since an undo
+        title, changed = "Delete a feature of", table.edited([selection.id])
+    else:
+        title, changed = "Delete a vertex of", edits.delete_vertex(table, selection.id, index)
+    change_features(document, workspace, title, selection, changed)
+    exists = selection.id in changed
+    workspace.selection = replace(selection, index=max((index or 0) - 1, 0)) if exists else None
+
+
+Command: TypeAlias = Callable[[Document, Workspace], None]
+
+
+def _command(title: str, change: Callable[[Table, Selection], Table]) -> Command:
+    def command(document: Document, workspace: Workspace) -> None:
+        selection, table = workspace.selection, table_of(document, workspace.selection)
+        if selection is not None and table is not None:
+            change_features(document, workspace, title, selection, change(table, selection))
+            workspace.selection = replace(selection, index=None)  # vertices have other numbers
+
+    return command
+
+
+FEATURE_COMMANDS: Final[Mapping[str, Command]] = {
+    "split-line": _command(
+        "Split a line of",
+        lambda table, own: edits.split_line(table, own.id, -1 if own.index is None else own.index),
+    ),
+    "join-lines": _command("Join lines of", lambda table, own: edits.join_lines(table, own.id, own.index)),
+    "reverse-line": _command("Reverse a line of", lambda table, own: edits.reverse_line(table, own.id)),
+    "delete-selection": delete_feature,
+}
+"""Commands for the selected feature, by the names of their actions."""
+
+
+def set_property(
+    document: Document,
+    workspace: Workspace,
+    selection: Selection,
+    name: str,
+    value: Value | None,
+    key: object,
+) -> None:
+    """Set a property of a feature; None and an empty text remove its own value.
+
+    Those of draped features are texts; raise InputError if one is not of its property's type.
+    """
+    table = table_of(document, selection)
+    if table is None:
+        return
+    if not isinstance(table, VectorLayer) and value is not None and value != "":
+        convert, what = _NUMBERS.get(table.source.fields.get(name, ""), (str, ""))
+        with suppress(ValueError):
+            value, what = convert(str(value)), ""
+        if what:
+            raise InputError(f"{name}: expected {what}, got {value!r}")
+    changed = edits.set_value(table, selection.id, name, None if value == "" else value)
+    title = f"Set {name.replace('_', ' ')} of"
+    change_features(document, workspace, title, selection, changed, merge=key)
+
+
+def draw(
+    document: Document,
+    workspace: Workspace,
+    target: Selection,
+    label: int,
+    kind: int,
+    points: list[tuple[float, float]],
+    *,
+    smooth: bool = False,
+) -> None:
+    """Add a point, line or area to a layer; raise InputError if it is not possible."""
+    title = title_of(document, target)
+    places = drop_repeats(np.array(points) if target.is_draped else on_grid(points))
+    if kind == AREA and (places[0] == places[-1]).all():
+        places = places[:-1]
+    if len(places) < _LEAST[kind]:
+        raise InputError(f"{title[:1].upper()}{title[1:]}: expected {_LEAST[kind]} points or more")
+    feature = VectorFeature(kind, (places,), label, {"smooth": 1} if smooth else {})
+    before: Sequence[Table] = tables_near(document, target)
+    if target.is_draped:
+        tables: Sequence[Table] = [table.edited(add=[feature]) for table in before]
+    else:
+        tables = with_feature(document.sketch, target.kind, feature)
+    what = {POINT: "a point", LINE: "a line", AREA: "an area"}[kind]
+    change_features(document, workspace, f"Draw {what} of", target, *tables)
+    if target.is_draped:
+        workspace.selection = replace(target, id=before[0].next_id)
+
+
+def selected_text(document: Document, workspace: Workspace) -> str:
+    """Return the selected feature as text; empty without one."""
+    selection, feature = workspace.selection, find_feature(document, workspace.selection)
+    return "" if selection is None or feature is None else edits.to_text(selection.kind, [feature])
+
+
+def paste(document: Document, workspace: Workspace, text: str) -> None:
+    """Add the features of a text beside those that they were copied from, and select the first one.
+
+    Those of a draped layer are added to the chosen one.
+    """
+    (name, features), chosen = edits.from_text(text), workspace.selection
+    target = Selection(name, 0)
+    if target.is_draped and chosen is not None:
+        target = replace(chosen, index=None)
+    table = next(iter(tables_near(document, target)), None)
+    if table is None:
+        raise InputError("choose a draped layer to paste into")
+    step, count, first = _OFFSET * document.sketch.extent, 1, features[0].rings[0][0]
+    while any(table.features_at(*(first + count * step * np.array([1.0, -1.0])).tolist())):
+        count += 1
+    added = table.edited(add=[edits.moved(each, count * step, -count * step) for each in features])
+    change_features(document, workspace, "Paste", target, added)
+    workspace.selection = replace(target, id=table.next_id)

@@ -1,0 +1,157 @@
+"""Properties of the selected feature, of a layer of the sketch or of a draped one."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
+
+from sketchterrain.document.own_materials import with_materials
+from sketchterrain.features.edits import change_layer, network_layers
+from sketchterrain.features.table import KINDS, LINE, VectorFeature, VectorLayer, vector_parameters
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.parameters import Parameter, Value
+from sketchterrain.ui.commands import labels_of, reported
+from sketchterrain.ui.look.theme import MARGIN, column, described, row
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.features import (
+    change_features,
+    drawn_shape,
+    find_feature,
+    refusal,
+    set_property,
+    table_of,
+)
+from sketchterrain.ui.models.workspace import Selection, Workspace
+from sketchterrain.ui.panels.controls import PageHead, label_title, number, scroll_past
+from sketchterrain.ui.panels.form import ParameterForm
+
+_NAME = Parameter("name", str, "", 0, 200, "characters", "")
+_TEXT = Parameter("text", str, "", 0, 10_000, "", "")
+_HELP = {
+    "smooth": "its vertices are the control points of a smooth curve",
+    "directed": "it runs from its first vertex to its last one, not downhill",
+}
+_OF_LINES = ("width", *_HELP)
+
+
+class FeaturePage(QWidget):
+    """Label, name and properties of a feature; those that are not its own are its label's.
+
+    Properties of a draped feature are texts; their values keep their types.
+    """
+
+    def __init__(self, document: Document, workspace: Workspace) -> None:
+        super().__init__()
+        self._document, self._workspace = document, workspace
+        self._shown: Selection | None = None
+        self._head, self.form = PageHead(), ParameterForm([])
+        self._declared: tuple[str, Mapping[str, Parameter]] = ("", {})
+        tip = "Its label, which it has properties of; of roads, railways and paths the kind of way too"
+        self.label = described(scroll_past(QComboBox()), "Label", tip)
+        title = QLabel("La&bel")
+        title.setBuddy(self.label)
+        self._labels = QWidget()
+        row(self._labels, (title, 1), self.label)
+        self._column = column(self, self._head, self._labels, self.form, spacing=MARGIN)
+        self.label.activated.connect(lambda _: self._set_label(*self.label.currentData()))
+        signals = document.sketch_changed, document.drapes.changed, workspace.selection_changed
+        for signal in (*signals, workspace.look_changed):
+            signal.connect(self.refresh)
+        self.refresh()
+
+    def refresh(self, *_: object) -> None:
+        selection = self._workspace.selection
+        before = self._shown
+        if before is not None and (selection is None or replace(before, index=selection.index) != selection):
+            self.form.finish()  # the text being typed is for the previous one
+        self._shown = None
+        if selection is None or selection.is_placed or (selection.is_draped and selection.id < 0):
+            return
+        feature = find_feature(self._document, selection)
+        problem = "" if feature is None else refusal(self._document, self._workspace, selection)
+        self.setEnabled(feature is not None and not problem)
+        self.form.setToolTip(problem)
+        if feature is None:
+            self._head.show_text("Gone", "The selection no longer exists.")
+            return
+        self._shown = selection
+        self._labels.setVisible(selection.is_vector)
+        if selection.is_vector:
+            self._show_vector(selection.kind, feature)
+        else:
+            self._show_draped(selection, feature)
+
+    def _show_vector(self, name: str, feature: VectorFeature) -> None:
+        sketch, own = self._document.sketch, feature.properties
+        layer, own_label = LAYERS[name], (name, feature.label)
+        title = str(own.get("name", layer.title if layer.kind == "land" else name.capitalize()))
+        self._head.show_text(title, self._size(feature), own_label)
+        labels = {(each, label) for each in network_layers(name) for label in labels_of(sketch, each) or [1]}
+        ordered = sorted(labels | {own_label}, key=lambda pair: (pair[0] != name, *pair))
+        self.label.clear()
+        for pair in ordered:
+            self.label.addItem(label_title(*pair), pair)
+        self.label.setCurrentIndex(ordered.index(own_label))
+        self._declare(name, with_materials(vector_parameters(name), sketch.material_table))
+        values = {"name": "", "smooth": 0, "directed": 0, **sketch.properties(name, feature.label), **own}
+        self.form.show_values(values)
+        for key, field in self.form.rows.items():
+            field.setVisible(feature.kind == LINE or key not in _OF_LINES)
+            if field.reset is not None:
+                field.reset.setVisible(key in own)
+
+    def _show_draped(self, selection: Selection, feature: VectorFeature) -> None:
+        title = self._document.sketch.drapes[selection.layer].title
+        self._head.show_text(
+            f"{KINDS[feature.kind].capitalize()} {feature.id} of {title}", self._size(feature)
+        )
+        fields = self._document.drapes.fields(selection.layer) or {}
+        names = dict.fromkeys([*fields, *feature.properties])
+        self._declare("", {name: replace(_TEXT, name=name) for name in names})
+        self.form.show_values({name: str(feature.properties.get(name, "")) for name in names})
+
+    def _declare(self, layer: str, declared: Mapping[str, Parameter]) -> None:
+        """Show a form of other properties in place of the present one."""
+        if (layer, declared) == self._declared:
+            return
+        self._declared, rows = (layer, declared), [*declared.values()]
+        if layer:
+            left_out = "flow" if LAYERS[layer].is_water else "directed"
+            rows = [
+                replace(each, help=_HELP.get(each.name, each.help)) for each in rows if each.name != left_out
+            ]
+            if LAYERS[layer].is_painted:  # but vectors are not: no width is as wide as painted
+                rows = [replace(each, sentinel=None) for each in rows]
+            rows = [_NAME, *rows]
+        self.form.deleteLater()
+        self.form = ParameterForm(rows, titles={} if layer else {name: name for name in declared})
+        for field in self.form.rows.values():
+            if field.reset is not None:
+                field.reset.setToolTip("Back to its label's" if layer else "Remove its value")
+        self.form.edited.connect(self._set)
+        self._column.addWidget(self.form)
+
+    def _size(self, feature: VectorFeature) -> str:
+        """Return length or area, and how many vertices there are."""
+        shape, count = drawn_shape(self._document, self._shown), sum(map(len, feature.rings))
+        if shape is None or not shape.length:
+            return ""
+        length, area = number(shape.length / 1000, decimals=2), number(shape.area / 1e6, decimals=2)
+        return f"{f'{area} km²' if shape.area > 0.0 else f'{length} km'}, {count} vertices"
+
+    def _set_label(self, layer: str, label: int) -> None:
+        """Set the label, of a way also its kind: it moves to the layer of that."""
+        shown, sketch = self._shown, self._document.sketch
+        table = table_of(self._document, shown)
+        if shown is None or layer == shown.kind:
+            self._set("label", label, object())
+        elif isinstance(table, VectorLayer):
+            changed = change_layer(table, sketch.vectors[layer], shown.id, label)
+            title = f"Make {label_title(layer, label).lower()} of"
+            change_features(self._document, self._workspace, title, shown, *changed)
+            self._workspace.selection = Selection(layer, int(changed[1].ids[-1]))
+
+    def _set(self, name: str, value: Value | None, key: object) -> None:
+        if self._shown is not None:
+            with reported(self._document.message.emit, self.refresh):
+                set_property(self._document, self._workspace, self._shown, name, value, key)

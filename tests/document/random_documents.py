@@ -121,6 +121,13 @@ def random_vectors(rng: Rng, name: str) -> VectorLayer:
     return VectorLayer(name).edited(add=features)
 
 
+def content_of(layer: VectorLayer) -> tuple[object, ...]:
+    """Return everything in a layer, to compare it, however it is in pieces."""
+    arrays = (layer.vertices, layer.rings, layer.parts, layer.kinds, layer.ids, layer.labels)
+    columns = sorted((name, repr(np.asarray(column).tolist())) for name, column in layer.columns.items())
+    return layer.layer, *(array.tobytes() for array in arrays), *columns
+
+
 def _rings(rng: Rng, kind: int) -> tuple[np.ndarray, ...]:
     middle = rng.uniform(-5_000, 10_000, 2)
     if kind == POINT:

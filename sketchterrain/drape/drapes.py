@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,7 +12,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
@@ -21,7 +21,7 @@ from sketchterrain.drape.vector_source import Feature, VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
 from sketchterrain.features.files import find_driver
-from sketchterrain.features.items import FILL, POINT, STROKE, Items
+from sketchterrain.features.items import FILL, Items
 from sketchterrain.features.levels import Level, level_of
 from sketchterrain.features.picking import PICK
 from sketchterrain.schema.parameters import Properties
@@ -338,16 +338,31 @@ class Drapes:
                     drawn.append(Pick(number, -1))
                     break
             elif source is not None:
-                half = np.array([0.5 * max(each.width(texel), texel) for each in self._styles_of(number)])
-                levels = source.query(_grown((x, y, x, y), float(half.max()) + PICK * texel), texel)
-                items = self._drawn(number, source, texel, levels, None)
-                gap = distances(items, x, y) - half[items.style - self._first_style[number]]
-                here = {*items.feature[gap <= 0.0].tolist(), *winding(items, x, y).tolist()}
-                drawn += [Pick(number, each) for each in sorted(here, reverse=True)]
-                for each in np.argsort(gap)[: np.count_nonzero(gap <= PICK * texel)].tolist():
-                    if (feature := int(items.feature[each])) not in here:
-                        near.setdefault((number, feature), float(gap[each]))
+                gaps = self._gaps(number, source, x, y, texel)
+                drawn += [Pick(number, each) for each in sorted(gaps, reverse=True) if gaps[each] <= 0.0]
+                near |= {(number, each): gap for each, gap in gaps.items() if 0.0 < gap <= PICK * texel}
         return drawn + [Pick(*key, near[key]) for key in sorted(near, key=near.__getitem__)]
+
+    def _gaps(self, number: int, source: VectorSource, x: float, y: float, texel: float) -> dict[int, float]:
+        """Return how far (m) a place is from features near it as they are drawn, at most 0 on them."""
+        styles, found, turns = self._styles_of(number), dict[int, float](), Counter[int]()
+        half = np.array([0.5 * max(each.width(texel), texel) for each in styles])
+        shown = np.array([each.shown for each in styles])
+        for level, which in source.query(_grown((x, y, x, y), float(half.max()) + PICK * texel), texel):
+            items = level.items[which]
+            row = 1 + source.classes(items["feature"], self.layers[number], self.memory)
+            keep = shown[row, items["kind"]]
+            items, row = items[keep], row[keep]
+            if not len(items):
+                continue
+            distance, turned = _around(items["count"], level.vertices(items) - (x, y))
+            gap, feature = distance - half[row], items["feature"].tolist()
+            for each, is_area, near, turn in zip(
+                feature, (items["kind"] == FILL).tolist(), gap.tolist(), turned.tolist(), strict=True
+            ):
+                found[each] = min(found.get(each, np.inf), np.inf if is_area else near)
+                turns[each] += turn if is_area else 0
+        return found | {each: 0.0 for each, turn in turns.items() if turn}
 
     def pick(self, x: float, y: float, texel: float) -> Pick | None:
         """Return the first of `picks`."""
@@ -397,27 +412,19 @@ def _near(boxes: npt.NDArray[Any], box: Any, reach: Any) -> BoolArray:
     return np.asarray(np.maximum(across, along) <= reach)
 
 
-def distances(items: Items, x: float, y: float) -> Float64Array:
-    """Return the distance (m) of each run of a line with the vertices beside it, or point; inf of areas."""
-    count = np.diff(items.first)
-    found = np.full(len(count), np.inf)
-    point = np.flatnonzero(items.kind == POINT)
-    found[point] = np.hypot(*(items.points[items.first[point]] - (x, y)).T)
-    lines = items.taken(items.kind == STROKE)
-    owner = np.repeat(np.arange(len(lines.kind)), np.diff(lines.first))
-    found[items.kind == STROKE] = shapely.distance(
-        shapely.linestrings(lines.points, indices=owner), shapely.Point(x, y)
-    )
-    return found
-
-
-def winding(items: Items, x: float, y: float) -> Int64Array:
-    """Return the features whose areas have a place inside, ascending."""
-    rings = items.taken(items.kind == FILL)
-    owner = np.repeat(np.arange(len(rings.kind)), np.diff(rings.first))
-    is_edge = owner[:-1] == owner[1:]
-    (u, v), (p, q) = rings.points[:-1][is_edge].T, rings.points[1:][is_edge].T
-    side = (p - u) * (y - v) - (q - v) * (x - u)
-    turns = ((v <= y) & (q > y) & (side > 0.0)).astype(int) - ((v > y) & (q <= y) & (side < 0.0))
-    ids, of = np.unique(rings.feature, return_inverse=True)
-    return np.asarray(ids[np.bincount(of[owner[:-1][is_edge]], turns, minlength=len(ids)) != 0.0])
+def _around(counts: npt.NDArray[Any], points: Float64Array) -> tuple[Float64Array, Int64Array]:
+    """Return the distance of the origin from lines of some points each, and how often each runs around it."""
+    first = np.cumsum(counts, dtype=np.int64) - counts
+    start, end = points[:-1].T, points[1:].T
+    step = end - start
+    along = -(start * step).sum(axis=0) / np.maximum((step * step).sum(axis=0), 1e-12)
+    distance = np.hypot(*points.T)
+    distance[:-1] = np.minimum(distance[:-1], np.hypot(*(start + np.clip(along, 0.0, 1.0) * step)))
+    side = start[0] * end[1] - end[0] * start[1]
+    turns = np.zeros(len(points), np.int64)
+    turns[:-1] += (start[1] <= 0.0) & (end[1] > 0.0) & (side > 0.0)
+    turns[:-1] -= (start[1] > 0.0) & (end[1] <= 0.0) & (side < 0.0)
+    last = first[1:] - 1  # points from which it is no step to the next
+    distance[last] = np.hypot(*points[last].T)
+    turns[last] = 0
+    return np.minimum.reduceat(distance, first), np.add.reduceat(turns, first)

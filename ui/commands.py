@@ -305,10 +305,8 @@ def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
 
 def vector_counts(sketch: Sketch, layer: str) -> dict[int, int]:
     """Return how many vectors each label of a layer has."""
-    if layer not in sketch.vectors:
-        return {}
-    labels, counts = np.unique(sketch.vectors[layer].labels, return_counts=True)
-    return dict(zip(labels.tolist(), counts.tolist(), strict=True))
+    counts = sketch.vectors[layer].label_counts if layer in sketch.vectors else np.zeros(0, np.int64)
+    return {int(label): int(counts[label]) for label in np.flatnonzero(counts)}
 
 
 def free_label(sketch: Sketch, layer: str) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -13,12 +12,11 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.features.edits import Features
+from sketchterrain.features.edits import Features, shape_of
 from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer, on_grid
 from sketchterrain.geometry.splines import cubics
 
 if TYPE_CHECKING:  # it takes a quarter of a second
-    import shapely
     from shapely.geometry.base import BaseGeometry
 
 _PIECES: Final = 16  # straight ones of a curve between two vertices
@@ -41,42 +39,17 @@ class Curves:
     Parameters
     ----------
     shapes, outlines : (n,) m; the outline of an area is its border and holes
-    pieces : of a large layer the curves of each piece
+    boxes : (4, n) m, west, south, east and north
     """
 
     shapes: Shapes
     outlines: Shapes
-    pieces: tuple[Curves, ...] = ()
-
-    @cached_property
-    def _tree(self) -> shapely.STRtree:
-        import shapely
-
-        return shapely.STRtree(self.shapes)
-
-    @cached_property
-    def _box(self) -> Float64Array:
-        import shapely
-
-        return np.asarray(shapely.total_bounds(self.shapes))
-
-    @cached_property
-    def _boxes(self) -> tuple[Float64Array, Int64Array]:
-        """Return the box of each piece, and the number of its first feature."""
-        counts = [len(each.shapes) for each in self.pieces]
-        return np.array([each._box for each in self.pieces]), np.cumsum([0, *counts])
+    boxes: Float64Array
 
     def touching(self, box: Bounds) -> Int64Array:
-        """Return the indices of the features that may touch a box, ascending."""
-        import shapely
-
-        if not self.pieces:
-            return np.sort(self._tree.query(shapely.box(*box)))
-        boxes, first = self._boxes
-        west, south, east, north = boxes.T
-        near = (west <= box[2]) & (east >= box[0]) & (south <= box[3]) & (north >= box[1])
-        found = [first[each] + self.pieces[each].touching(box) for each in np.flatnonzero(near).tolist()]
-        return np.concatenate([np.zeros(0, np.int64), *found])
+        """Return the indices of the features whose boxes touch a box, ascending."""
+        west, south, east, north = self.boxes
+        return np.flatnonzero((west <= box[2]) & (east >= box[0]) & (south <= box[3]) & (north >= box[1]))
 
     def near(self, x: float, y: float, reach: float) -> tuple[Int64Array, Float64Array, BoolArray]:
         """Return features near a place (m), the distances of their outlines, and which have it inside.
@@ -110,9 +83,9 @@ def _curves_of(layer: VectorLayer) -> Curves:
         for piece in layer.pieces:
             if piece not in _of_pieces:
                 _of_pieces[piece] = _curves_of(piece)
-        pieces = tuple(_of_pieces[piece] for piece in layer.pieces)
-        arrays = (np.concatenate([getattr(each, name) for each in pieces]) for name in ("shapes", "outlines"))
-        return Curves(*arrays, pieces)
+        pieces = [_of_pieces[piece] for piece in layer.pieces]
+        names = ("shapes", "outlines", "boxes")
+        return Curves(*(np.concatenate([getattr(each, name) for each in pieces], axis=-1) for name in names))
     shapes = layer.shapes()
     smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
     if smooth.any():
@@ -120,7 +93,16 @@ def _curves_of(layer: VectorLayer) -> Curves:
         lengths = np.diff(layer.rings)[own]
         points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
         shapes[smooth] = shapely.linestrings(points, indices=line)
-    return Curves(shapes, outlines_of(shapes))
+    return Curves(shapes, outlines_of(shapes), np.ascontiguousarray(shapely.bounds(shapes).T))
+
+
+def curve_of(feature: VectorFeature) -> BaseGeometry:
+    """Return a feature of the sketch's own layers as it is drawn."""
+    import shapely
+
+    if feature.kind == LINE and feature.properties.get("smooth") == 1:
+        return shapely.LineString(_sampled(feature.rings[0], np.array([len(feature.rings[0])]))[0])
+    return shape_of(feature)
 
 
 def outlines_of(shapes: Shapes) -> Shapes:
@@ -153,7 +135,7 @@ def outline_of(table: Features, feature: VectorFeature) -> BaseGeometry:
     import shapely
 
     if isinstance(table, VectorLayer):
-        return curves_of(table).outlines[table.index(feature.id)]
+        return outlines_of(np.array([curve_of(feature)]))[0]
     closed = [np.append(ring, ring[:1], axis=0) if feature.kind == AREA else ring for ring in feature.rings]
     return shapely.MultiLineString(closed)
 

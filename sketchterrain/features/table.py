@@ -299,6 +299,13 @@ class VectorLayer:
         return self._texts.get(name, frozenset())
 
     @cached_property
+    def label_counts(self) -> Int64Array:
+        """(256,) how many features have each label."""
+        if len(self.pieces) > 1:
+            return np.asarray(np.sum([piece.label_counts for piece in self.pieces], axis=0))
+        return np.bincount(self.labels, minlength=256)
+
+    @cached_property
     def _texts(self) -> Mapping[str, frozenset[str]]:
         return {name: frozenset(column) for name, column in self.columns.items() if isinstance(column, tuple)}
 

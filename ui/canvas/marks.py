@@ -11,7 +11,7 @@ from PyQt6.QtCore import QPointF, QRect, QRectF, QSize, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.features.picking import Shapes, outlines_of
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.schema.layers import LAYERS
@@ -68,17 +68,22 @@ def draw_haloed(
     painter.drawPath(path)
 
 
+def world_box(context: ToolContext, area: QRectF, margin: float) -> Bounds:
+    """Return the box (m) of an area (logical px) and a margin around it, and of lines' halos."""
+    margin += _MARGIN
+    area = area.adjusted(-margin, -margin, margin, margin)
+    west, north = context.world_from_sketch(*context.sketch_from_screen(area.topLeft()))
+    east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))
+    return west, south, east, north
+
+
 def screen_paths(
     context: ToolContext, shapes: Shapes, area: QRectF, *, margin: float = 0.0
 ) -> list[QPainterPath]:
     """Return the path (logical px) of each shape (m) within an area and a margin around it."""
     import shapely
 
-    margin += _MARGIN
-    area = area.adjusted(-margin, -margin, margin, margin)
-    west, north = context.world_from_sketch(*context.sketch_from_screen(area.topLeft()))
-    east, south = context.world_from_sketch(*context.sketch_from_screen(area.bottomRight()))
-    clipped = shapely.clip_by_rect(shapes, west, south, east, north)
+    clipped = shapely.clip_by_rect(shapes, *world_box(context, area, margin))
     tolerance = _TOLERANCE / context.px_per_metre
     lines = outlines_of(shapely.simplify(clipped, tolerance, preserve_topology=False))
     parts, of = shapely.get_parts(lines, return_index=True)

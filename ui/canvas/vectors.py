@@ -17,7 +17,7 @@ from sketchterrain.features.picking import Shapes, curves_of, outlines_of
 from sketchterrain.features.table import AREA, LINE
 from sketchterrain.schema.layers import LAND_USES, LAYERS
 from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
-from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths
+from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths, world_box
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.look.layer_colours import USE_COLOURS, label_colour
 from sketchterrain.ui.models import features
@@ -90,12 +90,13 @@ def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
     for layer in features.visible_vectors(context.document.sketch, context.workspace):
         widths = features.widths_of(context.document.sketch, layer) * context.px_per_metre
         uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
-        order = np.argsort(layer.kinds == LINE, kind="stable")
+        curves, margin = curves_of(layer), 0.5 * float(widths.max())
+        order = curves.touching(world_box(context, area, margin))
+        order = order[np.argsort(layer.kinds[order] == LINE, kind="stable")]
         if uses and len(uses) > _MANY:
             numbers = np.array([1 + LAND_USES.index(use) for use in uses], np.uint8)
-            order = _draw_small(context, painter, area, curves_of(layer).shapes, numbers)
-        shapes = curves_of(layer).shapes[order]
-        paths = screen_paths(context, shapes, area, margin=0.5 * float(widths.max()))
+            order = np.intersect1d(order, _draw_small(context, painter, area, curves.shapes, numbers))
+        paths = screen_paths(context, curves.shapes[order], area, margin=margin)
         visible = [
             (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), index)
             for index, path in zip(order.tolist(), paths, strict=True)

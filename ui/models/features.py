@@ -16,6 +16,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.features import edits
 from sketchterrain.features.picking import (
     PICK,
+    curve_of,
     curves_of,
     nearest_place,
     outline_of,
@@ -78,12 +79,10 @@ def drawn_shape(
     document: Document, selection: Selection | None, sketch: Sketch | None = None
 ) -> BaseGeometry | None:
     """Return the selected feature as it is drawn; None without one."""
-    table = table_of(document, selection, sketch)
-    if table is None or selection is None:
+    feature = find_feature(document, selection, sketch)
+    if feature is None or selection is None:
         return None
-    if isinstance(table, VectorLayer):
-        return curves_of(table).shapes[table.index(selection.id)]
-    return table.source.feature(selection.id).geometry
+    return edits.shape_of(feature) if selection.is_draped else curve_of(feature)
 
 
 def lines_of(
@@ -405,11 +404,10 @@ def box_handles(
 def _width_handle(sketch: Sketch, whole: Selection) -> Handle | None:
     """Return the handle of a line's width: on its left, halfway along it; None if it is no line with one."""
     layer = sketch.vectors[whole.kind]
-    index = layer.index(whole.id)
-    half = 0.5 * float(widths_of(sketch, layer)[index])
+    half = 0.5 * float(widths_of(sketch, layer)[layer.index(whole.id)])
     if not half:
         return None
-    line = curves_of(layer).shapes[index]
+    line = curve_of(layer.feature(whole.id))
     (x, y), (to_x, to_y) = (
         line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
     )

@@ -41,7 +41,7 @@ from sketchterrain.generation.building import build
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.models.features import vertex_at, vertex_handles
+from sketchterrain.ui.models.features import SelectedFeature
 from sketchterrain.ui.models.painting import Stroke
 from sketchterrain.ui.models.selection import FeatureDrag
 from sketchterrain.ui.models.workspace import Handle, Selection
@@ -249,14 +249,16 @@ class LatencyProbe(EngineProbe):
         vectors = self._document.sketch.vectors[layer]
         name = int(vectors.ids[number % len(vectors)])
         line = vectors.feature(name).rings[0]
-        found = vertex_at(self._document, Selection(layer, name), *line[len(line) // 2], reach=1.0)
-        assert found is not None  # noqa: S101 # it is a vertex
-        return found
+        own = SelectedFeature.find(self._document, Selection(layer, name))
+        assert own is not None  # noqa: S101 # it was there
+        return own.vertex_handles[len(line) // 2]
 
     def draped_vertex(self, feature: int) -> Handle:
         """Return the first vertex of a feature of the first draped layer."""
         self._wait(lambda: self._document.drapes.current is not None)
-        return vertex_handles(self._document, Selection("drape", feature, layer=0))[0]
+        own = SelectedFeature.find(self._document, Selection("drape", feature, layer=0))
+        assert own is not None  # noqa: S101 # as above
+        return own.vertex_handles[0]
 
     def drag(self, handle: Handle) -> tuple[float, float, float]:
         """Drag a vertex for a second and undo it; return the figures of `_drags`."""

@@ -23,7 +23,7 @@ from sketchterrain.ui.engine.link import EngineLink, EngineProcesses, ViewSource
 from sketchterrain.ui.layout import Dock, FullScreenActions, PaneFocus, fitting_size
 from sketchterrain.ui.look.theme import app_icon
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.features import FEATURE_COMMANDS, table_of
+from sketchterrain.ui.models.features import FEATURE_COMMANDS, SelectedFeature
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Bookmarks, Selection, Workspace, state_folder
 from sketchterrain.ui.panels.lists import BookmarksPanel
@@ -139,7 +139,7 @@ class SketchActions(QObject):
             can_lock = commands.find_point(placed, selection) is not None
             locked = can_lock and commands.is_locked(sketch, selection)
             edited = commands.is_edited(sketch, placed, selection)
-        is_feature = table_of(self._document, selection) is not None
+        is_feature = SelectedFeature.find(self._document, selection) is not None
         for name, enabled in (
             *((name, is_feature) for name in ("copy", *FEATURE_COMMANDS)),
             ("select-none", selection is not None),

@@ -63,13 +63,6 @@ class Curves:
         distance = shapely.distance(shapely.clip_by_rect(self.outlines[rows], *box), place)
         return rows, np.nan_to_num(distance, nan=np.inf), shapely.intersects_xy(self.shapes[rows], x, y)
 
-    def nearest(self, x: float, y: float, reach: float, *, without: Int64Array | None = None) -> int | None:
-        """Return the index of the feature with the nearest outline within a distance (m), of all but some."""
-        rows, distance, _ = self.near(x, y, reach)
-        if without is not None:
-            distance = np.where(np.isin(rows, without), np.inf, distance)
-        return int(rows[np.argmin(distance)]) if distance.min(initial=np.inf) <= reach else None
-
 
 def curves_of(layer: VectorLayer) -> Curves:
     """Return a layer's curves, cached; those of unchanged pieces are known."""

@@ -21,8 +21,8 @@ from sketchterrain.ui.models import drapes as model
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.features import (
     FEATURE_COMMANDS,
+    SelectedFeature,
     delete_feature,
-    find_feature,
     paste,
     selected_text,
 )
@@ -249,7 +249,7 @@ def test_vertices_and_features_are_deleted_and_drawn(draped, blank, workspace):
             click(draped, *each)
         if kind != "point":
             events.key(draped, Qt.Key.Key_Return)
-        feature = find_feature(blank, workspace.selection)
+        feature = SelectedFeature.find(blank, workspace.selection).feature
         assert KINDS[feature.kind] == kind
         assert near(feature.rings[0], places[:count])
         assert set(feature.properties) <= {"use", "rank"}
@@ -268,7 +268,10 @@ def test_lines_of_a_draped_layer_are_split_joined_reversed_and_snap(draped, blan
     run("split-line")
     middle = ends(2)[-1]
     assert (ends(2)[0], ends(3)) == ([600, 600], [middle, [900, 600]])
-    assert find_feature(blank, Selection("drape", 3, layer=0)).properties == {"use": "path", "rank": 3}
+    assert SelectedFeature.find(blank, Selection("drape", 3, layer=0)).feature.properties == {
+        "use": "path",
+        "rank": 3,
+    }
     run("reverse-line")
     assert ends(2) == [middle, [600, 600]]
     workspace.selection = Selection("drape", 2, layer=0)
@@ -292,7 +295,7 @@ def test_lines_of_a_draped_layer_are_split_joined_reversed_and_snap(draped, blan
     text = selected_text(blank, workspace)
     paste(blank, workspace, text)
     assert workspace.selection == Selection("drape", 3, layer=0)
-    assert find_feature(blank, workspace.selection).properties == {"use": "path", "rank": 3}
+    assert SelectedFeature.find(blank, workspace.selection).feature.properties == {"use": "path", "rank": 3}
     assert np.allclose(shape(blank, 3).coords[0], (620.0, 580.0))
     workspace.selection = None
     with pytest.raises(InputError, match="choose a draped layer"):
@@ -316,7 +319,7 @@ def test_properties_keep_their_types(draped, blank, workspace, show_widget):
     for name, text in (("rank", "7"), ("use", "12"), ("rank", "many")):
         page.form.rows[name].field.setText(text)
         page.form.rows[name].field.editingFinished.emit()
-    assert find_feature(blank, workspace.selection).properties == {"use": "12", "rank": 7}
+    assert SelectedFeature.find(blank, workspace.selection).feature.properties == {"use": "12", "rank": 7}
     assert lines == ["rank: expected a whole number, got 'many'"]
     assert page.form.rows["rank"].field.text() == "7"
     assert blank.history.titles[-1] == "Set use of fields"

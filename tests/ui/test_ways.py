@@ -140,7 +140,7 @@ def test_a_width_is_dragged_in_one_step_and_follows_from_lanes_before(canvas, wo
     assert features.widths_of(ways.sketch, ways.sketch.vectors["road"]).tolist() == [6.0]
     workspace.tool = "select"
     workspace.selection = Selection("road", 1)
-    handle = features.box_handles(ways, workspace.selection)[-1]
+    handle = features.SelectedFeature.find(ways, workspace.selection).box_handles[-1]
     assert (handle.x, handle.y, handle.base_x, handle.base_y) == pytest.approx((600, 603, 600, 600))
     place = canvas._input._select._handle_place(handle)
     start = canvas._context.world_from_sketch(*canvas._context.sketch_from_screen(place))

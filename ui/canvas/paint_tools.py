@@ -209,9 +209,9 @@ def pick_label(context: ToolContext, pointer: Pointer) -> None:
     sketch, at = context.document.sketch, context.world_from_sketch(pointer.x, pointer.y)
     picks = features.vector_picks(sketch, context.workspace, *at, 1.0 / context.px_per_metre)
     _, selection = min(picks, key=lambda pick: pick[0], default=(0.0, None))
-    vector = features.find_feature(context.document, selection)
-    if selection is not None and vector is not None:
-        found: tuple[str, int] | None = (selection.kind, vector.label)
+    vector = features.SelectedFeature.find(context.document, selection)
+    if vector is not None:
+        found: tuple[str, int] | None = (vector.selection.kind, vector.feature.label)
     else:
         layers = [
             (name, context.document.layer(name)) for name in reversed(visible_layers(context.workspace))

@@ -12,7 +12,7 @@ from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import draw_feature, draw_selected_feature
 from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.features import box_handles, insert_vertex, vertex_at
+from sketchterrain.ui.models.features import SelectedFeature, insert_vertex
 from sketchterrain.ui.models.selection import (
     OFFSET_ROLES,
     REACH,
@@ -155,8 +155,10 @@ class SelectTool(Tool):
         faint = QColor(SELECTED)
         faint.setAlpha(150)
         if self._drag is None:
-            draw_feature(painter, self.context, hovered, faint)
-        draw_selected_feature(painter, self.context, selection, self._drag)
+            own = SelectedFeature.find(self.context.document, hovered)
+            draw_feature(painter, self.context, own, faint)
+        if (selected := self._selected) is not None:
+            draw_selected_feature(painter, self.context, selected, self._drag)
         if hovered is not None and self._drag is None and exists(placed, hovered):
             draw_placed(painter, self.context, hovered, faint)
             handles = handles_of(placed, hovered)
@@ -232,11 +234,16 @@ class SelectTool(Tool):
             context.document, context.workspace, context.link.placed, *at, 1.0 / context.px_per_metre
         )
 
+    @property
+    def _selected(self) -> SelectedFeature | None:
+        """The selected feature, as it is dragged."""
+        context, drag = self.context, self._drag
+        return SelectedFeature.find(context.document, context.workspace.selection, drag and drag.sketch)
+
     def _handle_at(self, at: tuple[float, float]) -> Handle | None:
         """Return the handle at a position, m."""
-        document, selection = self.context.document, self.context.workspace.selection
-        place = self.context.screen_from_world(*at)
-        vertex = vertex_at(document, selection, *at, reach=REACH / self.context.px_per_metre)
+        place, own = self.context.screen_from_world(*at), self._selected
+        vertex = None if own is None else own.vertex_at(*at, reach=REACH / self.context.px_per_metre)
         if vertex is not None:
             return vertex
         handles = self._handles()
@@ -246,7 +253,7 @@ class SelectTool(Tool):
 
     def _handles(self) -> list[Handle]:
         """Return handles that do not overlap on the screen; the selected point's before its neighbours'."""
-        selection, drag = self.context.workspace.selection, self._drag
+        selection, own = self.context.workspace.selection, self._selected
         index = None if selection is None else selection.index
         handles: list[Handle] = []
         places: list[QPointF] = []
@@ -259,7 +266,7 @@ class SelectTool(Tool):
             if handle.role != "point" or is_clear:
                 handles.append(handle)
                 places.append(place)
-        return [*handles, *box_handles(self.context.document, selection, drag and drag.sketch)]
+        return [*handles, *(() if own is None else own.box_handles)]
 
     def _handle_place(self, handle: Handle) -> QPointF:
         """Return a handle's screen position: some lie off a bank or box, clear of it."""

@@ -11,18 +11,17 @@ from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Int64Array
-from sketchterrain.document.sketch import Sketch
 from sketchterrain.features.edits import shared_nodes
 from sketchterrain.features.picking import Shapes, curves_of, outlines_of
-from sketchterrain.features.table import AREA, LINE
+from sketchterrain.features.table import AREA, LINE, POINT
 from sketchterrain.schema.layers import LAND_USES, LAYERS
 from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
 from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths, world_box
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.look.layer_colours import USE_COLOURS, label_colour
 from sketchterrain.ui.models import features
+from sketchterrain.ui.models.features import SelectedFeature
 from sketchterrain.ui.models.selection import FeatureDrag
-from sketchterrain.ui.models.workspace import Selection
 
 _DASH = 6.0  # logical px
 _MAX_HANDLES = 1500
@@ -30,57 +29,45 @@ _MANY, _SMALL = 1000, 8.0  # areas, if there are more, with sides of fewer logic
 
 
 def draw_feature(
-    painter: QPainter,
-    context: ToolContext,
-    selection: Selection | None,
-    colour: QColor,
-    sketch: Sketch | None = None,
+    painter: QPainter, context: ToolContext, own: SelectedFeature | None, colour: QColor
 ) -> None:
-    """Highlight a feature, if one is selected, with an arrow if it has a direction.
+    """Highlight a feature, with an arrow if it has a direction.
 
     A draped one that is edited is drawn as its layer does, too.
     """
-    drapes, shape = context.document.drapes, features.drawn_shape(context.document, selection, sketch)
-    if shape is None or selection is None:
+    drapes = context.document.drapes
+    if own is None:
         return
-    if selection.is_draped and drapes.held == (selection.layer, selection.id) and drapes.current is not None:
+    if drapes.held is not None and drapes.current is not None and drapes.held == own.selection.draped:
         corner = context.world_from_sketch(*context.sketch_from_screen(QPointF(0.0, 0.0)))
         window = PictureWindow(*corner, 1.0 / context.px_per_metre, 0, 0)
         painter.save()
         draw_items(painter, drapes.current, drapes.current.only(drapes.held, window.texel), window)
         painter.restore()
-    (path,) = screen_paths(context, outlines_of(np.array([shape])), context.area)  # areas may be invalid
-    if shape.length == 0.0:
-        for line in features.lines_of(context.document, selection, sketch):
-            path.addEllipse(context.screen_from_world(*line[0].tolist()), 6.0, 6.0)
+    (path,) = screen_paths(context, outlines_of(np.array([own.shape])), context.area)  # areas may be invalid
+    for x, y in own.places.tolist() if own.feature.kind == POINT else []:
+        path.addEllipse(context.screen_from_world(x, y), 6.0, 6.0)
     draw_haloed(painter, path, colour, 2.0)
-    feature = features.find_feature(context.document, selection, sketch)
-    if feature is not None and feature.properties.get("directed") == 1 and not path.isEmpty():
+    if own.feature.properties.get("directed") == 1 and not path.isEmpty():
         _draw_arrow(painter, path)
 
 
 def draw_selected_feature(
-    painter: QPainter, context: ToolContext, selection: Selection | None, drag: FeatureDrag | None
+    painter: QPainter, context: ToolContext, own: SelectedFeature, drag: FeatureDrag | None
 ) -> None:
     """Draw the selected feature with its vertices, and while one is dragged all that share the node."""
-    document, sketch = context.document, None if drag is None else drag.sketch
-    feature = features.find_feature(document, selection, sketch)
-    if feature is None or selection is None:
-        return
-    places = np.concatenate(feature.rings)
-    shared = np.zeros(len(places), np.bool_)
-    if selection.is_vector:
-        shared = shared_nodes(features.network_of(sketch or document.sketch, selection.kind), places)
-    if drag is not None and drag.handle.is_vertex:
-        for each in features.nodes_at(drag.sketch, selection, drag.x, drag.y):
-            draw_feature(painter, context, each, SELECTED, sketch)
-    draw_feature(painter, context, selection, SELECTED, sketch)
-    x, y = context.screens_from_world(*places.T)
+    shared = np.zeros(len(own.places), np.bool_)
+    if own.selection.is_vector:
+        shared = shared_nodes(features.network_of(own.sketch, own.selection.kind), own.places)
+    others = own.others_at(drag.x, drag.y) if drag is not None and drag.handle.is_vertex else []
+    for each in (*others, own):
+        draw_feature(painter, context, each, SELECTED)
+    x, y = context.screens_from_world(*own.places.T)
     left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
     visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
     painter.setPen(QPen(SELECTED, 1.8))
     for index in visible.tolist() if len(visible) <= _MAX_HANDLES else []:
-        painter.setBrush(SELECTED if index == selection.index else QColor(255, 255, 255))
+        painter.setBrush(SELECTED if index == own.selection.index else QColor(255, 255, 255))
         square = QRectF(float(x[index]) - 3.5, float(y[index]) - 3.5, 7.0, 7.0)
         painter.drawEllipse(square.adjusted(-1, -1, 1, 1)) if shared[index] else painter.drawRect(square)
 

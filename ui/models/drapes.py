@@ -69,7 +69,7 @@ class DrapeSources(QObject):
 
     def hold(self, selection: Selection | None) -> None:
         """Draw a draped feature apart from its layer while it is edited."""
-        held = None if selection is None or not selection.is_draped else (selection.layer, selection.id)
+        held = None if selection is None else selection.draped
         if held != self.held:
             self.held = held
             self.changed.emit()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits
@@ -56,51 +57,156 @@ _LEAST: Final = {POINT: 1, LINE: 2, AREA: 3}  # points that are drawn
 _NUMBERS: Final = {"int64": (int, "a whole number"), "float64": (float, "a number")}  # by dtype
 
 
-def table_of(document: Document, selection: Selection | None, sketch: Sketch | None = None) -> Table | None:
-    """Return the layer of the selected feature; None without one or if it is missing."""
-    if selection is None or selection.is_placed:
-        return None
-    if selection.is_draped:
-        table = document.drapes.table(selection.layer)
-        return table if table is not None and selection.id >= 0 and selection.id in table else None
-    layer = (sketch or document.sketch).vectors[selection.kind]
-    return layer if selection.id in layer else None
+@dataclass(frozen=True, eq=False)
+class SelectedFeature:
+    """A feature of the sketch's own or of a draped layer, its handles, and what becomes of them."""
 
+    sketch: Sketch
+    table: Table
+    selection: Selection
 
-def find_feature(
-    document: Document, selection: Selection | None, sketch: Sketch | None = None
-) -> VectorFeature | None:
-    """Return the selected feature; None without one or if it is missing."""
-    table = table_of(document, selection, sketch)
-    return None if table is None or selection is None else table.feature(selection.id)
+    @classmethod
+    def find(
+        cls, document: Document, selection: Selection | None, sketch: Sketch | None = None
+    ) -> SelectedFeature | None:
+        """Return the selected feature, in another sketch than the document's; None without one."""
+        sketch = sketch or document.sketch
+        if selection is None or selection.is_placed:
+            return None
+        draped, vectors = document.drapes, sketch.vectors
+        table = draped.table(selection.layer) if selection.is_draped else vectors[selection.kind]
+        return None if table is None or selection.id not in table else cls(sketch, table, selection)
 
+    @cached_property
+    def feature(self) -> VectorFeature:
+        """Its vertices and properties."""
+        return self.table.feature(self.selection.id)
 
-def drawn_shape(
-    document: Document, selection: Selection | None, sketch: Sketch | None = None
-) -> BaseGeometry | None:
-    """Return the selected feature as it is drawn; None without one."""
-    feature = find_feature(document, selection, sketch)
-    if feature is None or selection is None:
-        return None
-    return edits.shape_of(feature) if selection.is_draped else curve_of(feature)
+    @cached_property
+    def places(self) -> Float64Array:
+        """(n, 2) m, its vertices."""
+        return np.concatenate(self.feature.rings)
 
+    @property
+    def whole(self) -> Selection:
+        """The selection of it without a vertex."""
+        return replace(self.selection, index=None)
 
-def lines_of(
-    document: Document, selection: Selection | None, sketch: Sketch | None = None, *, step: float = 0.0
-) -> list[Float64Array]:
-    """Return the lines and borders of the selected feature, (n, 2) m; a point twice.
+    @cached_property
+    def shape(self) -> BaseGeometry:
+        """How it is drawn."""
+        return edits.shape_of(self.feature) if self.selection.is_draped else curve_of(self.feature)
 
-    Points are at most `step` m apart, unless that is 0 or there would be too many.
-    """
-    import shapely
+    def lines(self, *, step: float = 0.0) -> list[Float64Array]:
+        """Return its lines and borders, (n, 2) m; a point twice.
 
-    shape = drawn_shape(document, selection, sketch)
-    if shape is None:
-        return []
-    if step:
-        shape = shapely.segmentize(shape, max(step, shape.length / _MAX_STEPS))
-    lines = map(shapely.get_coordinates, shapely.get_parts(outlines_of(np.array([shape]))))
-    return [np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in lines]
+        Points are at most `step` m apart, unless that is 0 or there would be too many.
+        """
+        import shapely
+
+        longest = max(step, self.shape.length / _MAX_STEPS)
+        shape = shapely.segmentize(self.shape, longest) if step and longest else self.shape
+        lines = map(shapely.get_coordinates, shapely.get_parts(outlines_of(np.array([shape]))))
+        return [np.repeat(line, 2, axis=0) if len(line) == 1 else line for line in lines]
+
+    @property
+    def vertex_handles(self) -> tuple[Handle, ...]:
+        """Handles of its vertices, of a large one every so many and the active one."""
+        places, active = self.places.tolist(), self.selection.index
+        shown = {*range(0, len(places), -(-len(places) // _MAX_HANDLES)), -1 if active is None else active}
+        numbers = sorted(shown & {*range(len(places))})
+        return tuple(
+            Handle("point", replace(self.selection, index=at), *places[at], *places[at]) for at in numbers
+        )
+
+    @property
+    def box_handles(self) -> tuple[Handle, ...]:
+        """Handles at the corners of its box, of its rotation and place, and of the width of a line."""
+        (west, south), (east, north) = self.places.min(axis=0).tolist(), self.places.max(axis=0).tolist()
+        if not (east > west or north > south):
+            return ()
+        x, y, whole = 0.5 * (west + east), 0.5 * (south + north), self.whole
+        corners = ((west, south), (east, south), (east, north), (west, north))
+        return (
+            *(Handle("corner", whole, *at, west + east - at[0], south + north - at[1]) for at in corners),
+            *(Handle("rotate", whole, x, north, x, y), Handle("move", whole, x, y, x, y)),
+            *self._width_handles,
+        )
+
+    @property
+    def _width_handles(self) -> tuple[Handle, ...]:
+        """The handle of a line's width: on its left, halfway along it; none if it is no line with one."""
+        layer, line = self.table, self.shape
+        half = 0.0
+        if isinstance(layer, VectorLayer):
+            half = 0.5 * float(widths_of(self.sketch, layer)[layer.index(self.selection.id)])
+        if not half:
+            return ()
+        (x, y), (to_x, to_y) = (
+            line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
+        )
+        across = half / max(math.hypot(to_x - x, to_y - y), 1e-9)
+        return (Handle("width", self.whole, x - across * (to_y - y), y + across * (to_x - x), x, y),)
+
+    def vertex_at(self, x: float, y: float, *, reach: float) -> Handle | None:
+        """Return the vertex within a distance (m) of a position; the active one first."""
+        distance = np.hypot(*(self.places - (x, y)).T)
+        if self.selection.index is not None and self.selection.index < len(distance):
+            distance[self.selection.index] -= 1e-6
+        index = int(np.argmin(distance))
+        if distance[index] > reach:
+            return None
+        x, y = self.places[index].tolist()
+        return Handle("point", replace(self.selection, index=index), x, y, x, y)
+
+    def others_at(self, x: float, y: float) -> list[SelectedFeature]:
+        """Return the other features of its network with a node at a position (m)."""
+        layers = network_of(self.sketch, self.selection.kind) if self.selection.is_vector else []
+        found = (Selection(layer.layer, each.id) for layer in layers for each in layer.features_at(x, y))
+        vectors = self.sketch.vectors
+        return [
+            SelectedFeature(self.sketch, vectors[each.kind], each) for each in found if each != self.whole
+        ]
+
+    def dragged(self, handle: Handle, x: float, y: float) -> Sketch:
+        """Return the sketch with a handle dragged to a position (m)."""
+        base, name = np.array([handle.base_x, handle.base_y]), self.selection.id
+        if handle.role == "width":
+            parameter = LAYERS[self.selection.kind].parameters["width"]
+            low, high = parameter.soft_range or (parameter.low, parameter.high)
+            width = round(2.0 * math.dist((x, y), base), _DECIMALS)
+            changed = edits.set_value(self.table, name, "width", min(max(width, low), high))
+            return with_tables(self.sketch, self.selection, changed)
+        start, end = np.array([handle.x, handle.y]) - base, np.array([x, y]) - base
+        if handle.role == "point":
+            is_vertex = np.arange(len(self.places)) == handle.selection.index
+            return self._reshaped(np.where(is_vertex[:, None], (x, y), self.places))
+        if handle.role == "corner":
+            factors = [to / at if at and to else 1.0 for at, to in zip(start, end, strict=True)]
+            return self._reshaped(base + (self.places - base) * factors)
+        if handle.role == "rotate":
+            turn = math.atan2(end[1], end[0]) - math.atan2(start[1], start[0])
+            across, along = math.cos(turn), math.sin(turn)
+            return self._reshaped(base + (self.places - base) @ [[across, along], [-along, across]])
+        return self._reshaped(self.places + (end - start))
+
+    def _reshaped(self, places: Float64Array) -> Sketch:
+        """Return the sketch with its vertices at other positions (n, 2), m.
+
+        Of the sketch's own layers the nodes move, with all that share them. A node that is moved alone onto a
+        line or border is a vertex of that too.
+        """
+        if not isinstance(self.table, VectorLayer):
+            return with_tables(
+                self.sketch, self.selection, edits.with_places(self.table, self.selection.id, places)
+            )
+        moved = (self.places != on_grid(places)).any(axis=1)
+        starts, ends, layers = self.places[moved], places[moved], network_of(self.sketch, self.selection.kind)
+        if not len(starts):
+            return self.sketch
+        if len(starts) == 1:
+            layers = [with_nodes(layer, on_grid(ends), other_than=starts[0].tolist()) for layer in layers]
+        return with_vectors(self.sketch, *(edits.move_nodes(layer, starts, ends) for layer in layers))
 
 
 def title_of(document: Document, selection: Selection) -> str:
@@ -122,19 +228,12 @@ def network_of(sketch: Sketch, name: str) -> list[VectorLayer]:
     return [sketch.vectors[each] for each in edits.network_layers(name)]
 
 
-def nodes_at(sketch: Sketch, selection: Selection, x: float, y: float) -> list[Selection]:
-    """Return the other features with a node at a position (m) in the network of a feature."""
-    layers = [] if selection.is_draped else network_of(sketch, selection.kind)
-    found = [(layer.layer, each.id) for layer in layers for each in layer.features_at(x, y)]
-    return [Selection(*each) for each in found if each != (selection.kind, selection.id)]
-
-
-def tables_near(document: Document, selection: Selection, sketch: Sketch | None = None) -> Sequence[Table]:
+def tables_near(document: Document, selection: Selection) -> Sequence[Table]:
     """Return the layers that the vertices of a layer snap to."""
     if selection.is_draped:
         table = document.drapes.table(selection.layer)
         return [] if table is None else [table]
-    return network_of(sketch or document.sketch, selection.kind)
+    return network_of(document.sketch, selection.kind)
 
 
 def with_tables(sketch: Sketch, selection: Selection, *tables: Table) -> Sketch:
@@ -219,12 +318,6 @@ def snap(
     return snapped(shown, x, y, reach, **options)
 
 
-def _at_node(layer: VectorLayer, place: tuple[float, float] | None) -> Int64Array:
-    """Return the indices of the features that have a node at a position."""
-    own = [] if place is None else [each.id for each in layer.features_at(*place)]
-    return np.array([layer.index(each) for each in own], np.int64)
-
-
 def with_nodes(
     layer: VectorLayer, places: Float64Array, *, other_than: tuple[float, float] | None = None
 ) -> VectorLayer:
@@ -232,16 +325,17 @@ def with_nodes(
 
     `other_than`: not in features that have a node at a position.
     """
-    curves, own = curves_of(layer), _at_node(layer, other_than)
-    found: dict[int, list[tuple[int, float, float, float]]] = {}
+    curves, found = curves_of(layer), dict[int, list[tuple[int, float, float, float]]]()
+    own = [] if other_than is None else [each.id for each in layer.features_at(*other_than)]
     for x, y in np.unique(places, axis=0).tolist():
-        index = None
-        if not len(edits.vertices_at(layer, x, y)):
-            index = curves.nearest(x, y, _ON_LINE, without=own)
-        if index is not None:
-            feature = layer.feature(int(layer.ids[index]))
-            _, after, _ = nearest_place(feature, curves.outlines[index], x, y)
-            beyond = float(np.hypot(*(np.concatenate(feature.rings)[after] - (x, y))))
+        if len(edits.vertices_at(layer, x, y)):
+            continue
+        rows, distance, _ = curves.near(x, y, _ON_LINE)
+        distance[np.isin(layer.ids[rows], own)] = np.inf
+        if distance.min(initial=np.inf) <= _ON_LINE:
+            feature = layer.feature(int(layer.ids[rows[np.argmin(distance)]]))
+            _, after, _ = nearest_place(feature, outline_of(layer, feature), x, y)
+            beyond = math.dist(np.concatenate(feature.rings)[after], (x, y))
             found.setdefault(feature.id, []).append((after, beyond, x, y))
     for name, each in found.items():
         at = np.array(sorted(each))
@@ -303,158 +397,43 @@ def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
     return [storey(each["level"], each["structure"]) for each in values]
 
 
-def reshaped(sketch: Sketch, selection: Selection, table: Table, places: Float64Array) -> Sketch:
-    """Return the sketch with the vertices of a feature at other positions (n, 2), m.
-
-    Of the sketch's own layers the nodes move, with all that share them. A node that is moved alone onto a
-    line or border is a vertex of that too.
-    """
-    if not isinstance(table, VectorLayer):
-        return with_tables(sketch, selection, edits.with_places(table, selection.id, places))
-    before, places = np.concatenate(table.feature(selection.id).rings), on_grid(places)
-    moved = (before != places).any(axis=1)
-    starts, ends, layers = before[moved], places[moved], network_of(sketch, selection.kind)
-    if len(starts) == 1:
-        layers = [with_nodes(layer, ends, other_than=_pair(starts[0])) for layer in layers]
-    if not len(starts):
-        return sketch
-    return with_vectors(sketch, *(edits.move_nodes(layer, starts, ends) for layer in layers))
-
-
-def _pair(place: Float64Array) -> tuple[float, float]:
-    x, y = place.tolist()
-    return x, y
-
-
-def dragged(sketch: Sketch, table: Table, handle: Handle, x: float, y: float) -> Sketch:
-    """Return the sketch with a handle of a feature, as it was before, dragged to a position (m)."""
-    selection, base = handle.selection, np.array([handle.base_x, handle.base_y])
-    if handle.role == "width":
-        parameter = LAYERS[selection.kind].parameters["width"]
-        low, high = parameter.soft_range or (parameter.low, parameter.high)
-        width = round(2.0 * math.hypot(x - handle.base_x, y - handle.base_y), _DECIMALS)
-        changed = edits.set_value(table, selection.id, "width", min(max(width, low), high))
-        return with_tables(sketch, selection, changed)
-    places = np.concatenate(table.feature(selection.id).rings)
-    start, end = np.array([handle.x, handle.y]) - base, np.array([x, y]) - base
-    if handle.role == "point":
-        places[selection.index] = x, y
-    elif handle.role == "corner":
-        factors = [to / at if at and to else 1.0 for at, to in zip(start, end, strict=True)]
-        places = base + (places - base) * factors
-    elif handle.role == "rotate":
-        turn = math.atan2(end[1], end[0]) - math.atan2(start[1], start[0])
-        across, along = math.cos(turn), math.sin(turn)
-        places = base + (places - base) @ np.array([[across, along], [-along, across]])
-    else:
-        places = places + (end - start)
-    return reshaped(sketch, selection, table, places)
-
-
 def drag_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
     """Return why a handle of a feature cannot be dragged; empty if it can."""
-    selection, feature = handle.selection, find_feature(document, handle.selection)
+    selection, own = handle.selection, SelectedFeature.find(document, handle.selection)
     problem = refusal(document, workspace, selection)
-    if problem or feature is None or selection.is_draped or handle.role == "width":
+    if problem or own is None or selection.is_draped or handle.role == "width":
         return problem
-    places = np.concatenate(feature.rings)
-    moved = places[[selection.index]] if handle.role == "point" else places
+    moved = own.places[[selection.index]] if handle.role == "point" else own.places
     names = [each.layer for each in network_of(document.sketch, selection.kind)]
     locked = (name for name in names if workspace.look(name).locked)
     shared = (name for name in locked if len(edits.vertices_among(document.sketch.vectors[name], moved)))
     return next(map(workspace.refusal, shared), "")
 
 
-def vertex_handles(
-    document: Document, selection: Selection | None, sketch: Sketch | None = None
-) -> tuple[Handle, ...]:
-    """Return handles for the vertices of the selected feature, of a large one every so many."""
-    feature = find_feature(document, selection, sketch)
-    if feature is None or selection is None:
-        return ()
-    places = np.concatenate(feature.rings).tolist()
-    shown = set(range(0, len(places), -(-len(places) // _MAX_HANDLES)))
-    shown |= {selection.index} & {*range(len(places))} if selection.index is not None else set()
-    return tuple(
-        Handle("point", replace(selection, index=at), *places[at], *places[at]) for at in sorted(shown)
-    )
-
-
-def box_handles(
-    document: Document, selection: Selection | None, sketch: Sketch | None = None
-) -> tuple[Handle, ...]:
-    """Return handles of the selected feature: its box's corners, rotation, place, and the width of a line."""
-    feature = find_feature(document, selection, sketch)
-    if feature is None or selection is None:
-        return ()
-    whole, places = replace(selection, index=None), np.concatenate(feature.rings)
-    (west, south), (east, north) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
-    if not (east > west or north > south):
-        return ()
-    x, y = 0.5 * (west + east), 0.5 * (south + north)
-    corners = ((west, south), (east, south), (east, north), (west, north))
-    width = _width_handle(sketch or document.sketch, whole) if whole.is_vector else None
-    return (
-        *(Handle("corner", whole, *at, west + east - at[0], south + north - at[1]) for at in corners),
-        *(Handle("rotate", whole, x, north, x, y), Handle("move", whole, x, y, x, y)),
-        *([width] if width is not None else []),
-    )
-
-
-def _width_handle(sketch: Sketch, whole: Selection) -> Handle | None:
-    """Return the handle of a line's width: on its left, halfway along it; None if it is no line with one."""
-    layer = sketch.vectors[whole.kind]
-    half = 0.5 * float(widths_of(sketch, layer)[layer.index(whole.id)])
-    if not half:
-        return None
-    line = curve_of(layer.feature(whole.id))
-    (x, y), (to_x, to_y) = (
-        line.interpolate(min(0.5 * line.length + step, line.length)).coords[0] for step in (0.0, _ALONG)
-    )
-    across = half / max(math.hypot(to_x - x, to_y - y), 1e-9)
-    return Handle("width", whole, x - across * (to_y - y), y + across * (to_x - x), x, y)
-
-
-def vertex_at(
-    document: Document, selection: Selection | None, x: float, y: float, *, reach: float
-) -> Handle | None:
-    """Return the vertex of the selected feature within a distance (m) of a position; the active one first."""
-    feature = find_feature(document, selection)
-    if feature is None or selection is None:
-        return None
-    places = np.concatenate(feature.rings)
-    distance = np.hypot(*(places - (x, y)).T)
-    if selection.index is not None and selection.index < len(places):
-        distance[selection.index] -= 1e-6
-    index = int(np.argmin(distance))
-    x, y = places[index].tolist()
-    return Handle("point", replace(selection, index=index), x, y, x, y) if distance[index] <= reach else None
-
-
 def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, *, reach: float) -> bool:
     """Insert a vertex in the selected feature and activate it; return whether it is within a distance (m)."""
-    selection, table = workspace.selection, table_of(document, workspace.selection)
-    if table is None or selection is None or (feature := table.feature(selection.id)).kind == POINT:
+    own = SelectedFeature.find(document, workspace.selection)
+    if own is None or own.feature.kind == POINT:
         return False
-    distance, after, place = nearest_place(feature, outline_of(table, feature), x, y)
+    distance, after, place = nearest_place(own.feature, outline_of(own.table, own.feature), x, y)
     if distance > reach:
         return False
-    changed = edits.insert_vertices(table, selection.id, [after], [place])
-    change_features(document, workspace, "Insert a vertex in", selection, changed)
-    workspace.selection = replace(selection, index=after + 1)
+    changed = edits.insert_vertices(own.table, own.selection.id, [after], [place])
+    change_features(document, workspace, "Insert a vertex in", own.selection, changed)
+    workspace.selection = replace(own.selection, index=after + 1)
     return True
 
 
 def delete_feature(document: Document, workspace: Workspace) -> None:
     """Delete the active vertex, or without one the selected feature."""
-    selection, table = workspace.selection, table_of(document, workspace.selection)
-    if table is None or selection is None:
+    own = SelectedFeature.find(document, workspace.selection)
+    if own is None:
         return
-    index, vertices = selection.index, sum(map(len, table.feature(selection.id).rings))
-    if index is None or index >= vertices:  # it has fewer vertices since an undo
-        title, changed = "Delete a feature of", table.edited([selection.id])
+    selection, index = own.selection, own.selection.index
+    if index is None or index >= len(own.places):  # it has fewer vertices since an undo
+        title, changed = "Delete a feature of", own.table.edited([selection.id])
     else:
-        title, changed = "Delete a vertex of", edits.delete_vertex(table, selection.id, index)
+        title, changed = "Delete a vertex of", edits.delete_vertex(own.table, selection.id, index)
     change_features(document, workspace, title, selection, changed)
     exists = selection.id in changed
     workspace.selection = replace(selection, index=max((index or 0) - 1, 0)) if exists else None
@@ -465,10 +444,10 @@ Command: TypeAlias = Callable[[Document, Workspace], None]
 
 def _command(title: str, change: Callable[[Table, Selection], Table]) -> Command:
     def command(document: Document, workspace: Workspace) -> None:
-        selection, table = workspace.selection, table_of(document, workspace.selection)
-        if selection is not None and table is not None:
-            change_features(document, workspace, title, selection, change(table, selection))
-            workspace.selection = replace(selection, index=None)  # vertices have other numbers
+        own = SelectedFeature.find(document, workspace.selection)
+        if own is not None:
+            change_features(document, workspace, title, own.selection, change(own.table, own.selection))
+            workspace.selection = own.whole  # vertices have other numbers
 
     return command
 
@@ -488,7 +467,7 @@ FEATURE_COMMANDS: Final[Mapping[str, Command]] = {
 def set_property(
     document: Document,
     workspace: Workspace,
-    selection: Selection,
+    own: SelectedFeature,
     name: str,
     value: Value | None,
     key: object,
@@ -497,18 +476,16 @@ def set_property(
 
     Those of draped features are texts; raise InputError if one is not of its property's type.
     """
-    table = table_of(document, selection)
-    if table is None:
-        return
+    table = own.table
     if not isinstance(table, VectorLayer) and value is not None and value != "":
         convert, what = _NUMBERS.get(table.source.fields.get(name, ""), (str, ""))
         with suppress(ValueError):
             value, what = convert(str(value)), ""
         if what:
             raise InputError(f"{name}: expected {what}, got {value!r}")
-    changed = edits.set_value(table, selection.id, name, None if value == "" else value)
+    changed = edits.set_value(table, own.selection.id, name, None if value == "" else value)
     title = f"Set {name.replace('_', ' ')} of"
-    change_features(document, workspace, title, selection, changed, merge=key)
+    change_features(document, workspace, title, own.selection, changed, merge=key)
 
 
 def draw(
@@ -542,8 +519,8 @@ def draw(
 
 def selected_text(document: Document, workspace: Workspace) -> str:
     """Return the selected feature as text; empty without one."""
-    selection, feature = workspace.selection, find_feature(document, workspace.selection)
-    return "" if selection is None or feature is None else edits.to_text(selection.kind, [feature])
+    own = SelectedFeature.find(document, workspace.selection)
+    return "" if own is None else edits.to_text(own.selection.kind, [own.feature])
 
 
 def paste(document: Document, workspace: Workspace, text: str) -> None:

@@ -177,7 +177,7 @@ class FeatureDrag:
         is_angle = handle.role == "rotate"
         self._offset = (0.0, 0.0) if grab is None or is_angle else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
-        self._table = features.table_of(document, handle.selection)
+        self._feature = features.SelectedFeature.find(document, handle.selection)
         document.drapes.hold(handle.selection)
         self.handle = handle
         self.x, self.y = handle.x, handle.y
@@ -198,10 +198,10 @@ class FeatureDrag:
             tables = self._tables
             x, y = snapped(tables, x, y, self._reach, other_than=(handle.x, handle.y)) or (x, y)
         try:
-            if self._table is None:
+            if self._feature is None:
                 self.sketch = commands.dragged(self._before, self._placed, handle, x, y)
             else:
-                self.sketch = features.dragged(self._before, self._table, handle, x, y)
+                self.sketch = self._feature.dragged(handle, x, y)
             if handle.is_live:
                 self._do(self.sketch)
             self.x, self.y = x, y

@@ -355,6 +355,11 @@ class Selection:
         return self.kind == "drape"
 
     @property
+    def draped(self) -> tuple[int, int] | None:
+        """Layer and id of a draped feature."""
+        return (self.layer, self.id) if self.is_draped else None
+
+    @property
     def is_placed(self) -> bool:
         return not (self.is_vector or self.is_draped)
 

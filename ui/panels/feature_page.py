@@ -7,20 +7,13 @@ from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
 
 from sketchterrain.document.own_materials import with_materials
 from sketchterrain.features.edits import change_layer, network_layers
-from sketchterrain.features.table import KINDS, LINE, VectorFeature, VectorLayer, vector_parameters
+from sketchterrain.features.table import AREA, KINDS, LINE, POINT, VectorLayer, vector_parameters
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.parameters import Parameter, Value
 from sketchterrain.ui.commands import labels_of, reported
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.features import (
-    change_features,
-    drawn_shape,
-    find_feature,
-    refusal,
-    set_property,
-    table_of,
-)
+from sketchterrain.ui.models.features import SelectedFeature, change_features, refusal, set_property
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.controls import PageHead, label_title, number, scroll_past
 from sketchterrain.ui.panels.form import ParameterForm
@@ -43,7 +36,7 @@ class FeaturePage(QWidget):
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
         self._document, self._workspace = document, workspace
-        self._shown: Selection | None = None
+        self._shown: SelectedFeature | None = None
         self._head, self.form = PageHead(), ParameterForm([])
         self._declared: tuple[str, Mapping[str, Parameter]] = ("", {})
         tip = "Its label, which it has properties of; of roads, railways and paths the kind of way too"
@@ -60,32 +53,26 @@ class FeaturePage(QWidget):
         self.refresh()
 
     def refresh(self, *_: object) -> None:
-        selection = self._workspace.selection
-        before = self._shown
-        if before is not None and (selection is None or replace(before, index=selection.index) != selection):
+        selection, before = self._workspace.selection, self._shown
+        if before is not None and (selection is None or replace(selection, index=None) != before.whole):
             self.form.finish()  # the text being typed is for the previous one
-        self._shown = None
-        if selection is None or selection.is_placed or (selection.is_draped and selection.id < 0):
-            return
-        feature = find_feature(self._document, selection)
-        problem = "" if feature is None else refusal(self._document, self._workspace, selection)
-        self.setEnabled(feature is not None and not problem)
+        own = self._shown = SelectedFeature.find(self._document, selection)
+        problem = "" if own is None else refusal(self._document, self._workspace, own.selection)
+        self.setEnabled(own is not None and not problem)
         self.form.setToolTip(problem)
-        if feature is None:
+        if own is None:
             self._head.show_text("Gone", "The selection no longer exists.")
-            return
-        self._shown = selection
-        self._labels.setVisible(selection.is_vector)
-        if selection.is_vector:
-            self._show_vector(selection.kind, feature)
+        elif own.selection.is_vector:
+            self._show_vector(own, own.selection.kind)
         else:
-            self._show_draped(selection, feature)
+            self._show_draped(own)
 
-    def _show_vector(self, name: str, feature: VectorFeature) -> None:
-        sketch, own = self._document.sketch, feature.properties
+    def _show_vector(self, shown: SelectedFeature, name: str) -> None:
+        sketch, own, feature = self._document.sketch, shown.feature.properties, shown.feature
         layer, own_label = LAYERS[name], (name, feature.label)
         title = str(own.get("name", layer.title if layer.kind == "land" else name.capitalize()))
-        self._head.show_text(title, self._size(feature), own_label)
+        self._head.show_text(title, _size(shown), own_label)
+        self._labels.show()
         labels = {(each, label) for each in network_layers(name) for label in labels_of(sketch, each) or [1]}
         ordered = sorted(labels | {own_label}, key=lambda pair: (pair[0] != name, *pair))
         self.label.clear()
@@ -100,11 +87,11 @@ class FeaturePage(QWidget):
             if field.reset is not None:
                 field.reset.setVisible(key in own)
 
-    def _show_draped(self, selection: Selection, feature: VectorFeature) -> None:
+    def _show_draped(self, own: SelectedFeature) -> None:
+        selection, feature = own.selection, own.feature
         title = self._document.sketch.drapes[selection.layer].title
-        self._head.show_text(
-            f"{KINDS[feature.kind].capitalize()} {feature.id} of {title}", self._size(feature)
-        )
+        self._head.show_text(f"{KINDS[feature.kind].capitalize()} {feature.id} of {title}", _size(own))
+        self._labels.hide()
         fields = self._document.drapes.fields(selection.layer) or {}
         names = dict.fromkeys([*fields, *feature.properties])
         self._declare("", {name: replace(_TEXT, name=name) for name in names})
@@ -131,27 +118,27 @@ class FeaturePage(QWidget):
         self.form.edited.connect(self._set)
         self._column.addWidget(self.form)
 
-    def _size(self, feature: VectorFeature) -> str:
-        """Return length or area, and how many vertices there are."""
-        shape, count = drawn_shape(self._document, self._shown), sum(map(len, feature.rings))
-        if shape is None or not shape.length:
-            return ""
-        length, area = number(shape.length / 1000, decimals=2), number(shape.area / 1e6, decimals=2)
-        return f"{f'{area} km²' if shape.area > 0.0 else f'{length} km'}, {count} vertices"
-
     def _set_label(self, layer: str, label: int) -> None:
         """Set the label, of a way also its kind: it moves to the layer of that."""
-        shown, sketch = self._shown, self._document.sketch
-        table = table_of(self._document, shown)
-        if shown is None or layer == shown.kind:
+        own, target = self._shown, self._document.sketch.vectors[layer]
+        if own is None or layer == own.selection.kind:
             self._set("label", label, object())
-        elif isinstance(table, VectorLayer):
-            changed = change_layer(table, sketch.vectors[layer], shown.id, label)
+        elif isinstance(own.table, VectorLayer):
+            changed = change_layer(own.table, target, own.selection.id, label)
             title = f"Make {label_title(layer, label).lower()} of"
-            change_features(self._document, self._workspace, title, shown, *changed)
+            change_features(self._document, self._workspace, title, own.selection, *changed)
             self._workspace.selection = Selection(layer, int(changed[1].ids[-1]))
 
     def _set(self, name: str, value: Value | None, key: object) -> None:
-        if self._shown is not None:
+        own = SelectedFeature.find(self._document, self._shown and self._shown.selection)
+        if own is not None:
             with reported(self._document.message.emit, self.refresh):
-                set_property(self._document, self._workspace, self._shown, name, value, key)
+                set_property(self._document, self._workspace, own, name, value, key)
+
+
+def _size(own: SelectedFeature) -> str:
+    """Return length or area, and how many vertices there are."""
+    if own.feature.kind == POINT:
+        return ""
+    length, area = number(own.shape.length / 1000, decimals=2), number(own.shape.area / 1e6, decimals=2)
+    return f"{f'{area} km²' if own.feature.kind == AREA else f'{length} km'}, {len(own.places)} vertices"

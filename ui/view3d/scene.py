@@ -14,7 +14,7 @@ from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.look.layer_colours import layer_glyph
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.features import box_handles, lines_of, nodes_at, vertex_handles
+from sketchterrain.ui.models.features import SelectedFeature
 from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, eye_height_text, length_text, scale_bar
 from sketchterrain.ui.view3d.marks import Dot, Drag, HandleMark, MarkBuilder, Marks, Segments
@@ -176,15 +176,16 @@ class Scene:
 
     def _selected_feature(self) -> tuple[list[Float64Array], tuple[Handle, ...]]:
         """Return lines and handles of the selected feature, and lines of all at a node that is dragged."""
-        document, shown, sketch, drag = self.document, [self.workspace.selection], None, self.drag
-        if drag is not None and not drag.handle.selection.is_placed:
-            sketch = drag.sketch
-            if drag.handle.is_vertex:
-                shown += nodes_at(sketch, drag.handle.selection, drag.x, drag.y)
-        step = 2.0 * document.sketch.pixel_size
-        lines = [line for each in shown for line in lines_of(document, each, sketch, step=step)]
-        of_selection = document, self.workspace.selection, sketch
-        return lines, (*vertex_handles(*of_selection), *box_handles(*of_selection))
+        document, drag = self.document, self.drag
+        sketch = None if drag is None or drag.handle.selection.is_placed else drag.sketch
+        selected = SelectedFeature.find(document, self.workspace.selection, sketch)
+        if selected is None:
+            return [], ()
+        shown = [selected]
+        if drag is not None and drag.handle.is_vertex:
+            shown += selected.others_at(drag.x, drag.y)
+        lines = [line for each in shown for line in each.lines(step=2.0 * document.sketch.pixel_size)]
+        return lines, (*selected.vertex_handles, *selected.box_handles)
 
     def paint(self, painter: QPainter, size: QRectF, ratio: float, *, dim: bool, is_refining: bool) -> None:
         """Paint picture, marks, label and scale bar."""

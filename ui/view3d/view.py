@@ -14,7 +14,7 @@ from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Fly, Look
 from sketchterrain.ui.look.theme import active_theme, draw_focus
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.features import lines_of
+from sketchterrain.ui.models.features import SelectedFeature
 from sketchterrain.ui.models.selection import delete_or_reset
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.view3d.camera import FLYING_KEYS, flight, motion_to, overview
@@ -94,7 +94,8 @@ class View3D(QWidget):
 
     def see_selection(self) -> None:
         area, selection = self._link.area(), self._workspace.selection
-        lines = lines_of(self._document, selection)
+        own = SelectedFeature.find(self._document, selection)
+        lines = [] if own is None else own.lines()
         motion = None if area is None else motion_to(self._link.placed, selection, lines, size=area[0][2:])
         if motion is None:
             self.see_all()

@@ -13,13 +13,14 @@ from PyQt6.QtCore import QEvent, QObject, QSize, Qt
 from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
+from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.commands import exists, is_edited, is_locked, name_of, reported
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import icon
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.features import FEATURE_COMMANDS, paste, selected_text
-from sketchterrain.ui.models.selection import delete, lock, reset, unlock
+from sketchterrain.ui.models.selection import add, delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, RecentFiles, Selection, Workspace
 
 
@@ -275,14 +276,25 @@ class ContextMenu(QMenu):
             callback()
 
 
-def add_selection_commands(
-    menu: ContextMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
-) -> None:
-    """Add the commands for the selection, if it exists, to a menu."""
-    if not selection.is_placed:
+def selection_menu(
+    parent: QWidget,
+    document: Document,
+    workspace: Workspace,
+    placed: Placement,
+    place: tuple[float, float] | None = None,
+) -> ContextMenu:
+    """Return the menu of the selection, if it exists, and of what can be added at a place (m)."""
+    menu, selection = ContextMenu(parent), workspace.selection
+    if selection is not None and not selection.is_placed:
         _add_feature_commands(menu, document, workspace)
-    elif exists(placed, selection):
+    elif selection is not None and exists(placed, selection):
         _add_placed_commands(menu, document, workspace, placed, selection)
+    if place is not None:
+        menu.addSeparator()
+        submenu = menu.add_submenu("add", "Add here")
+        for kind in FEATURE_TYPES:
+            submenu.add_command("", kind.capitalize(), partial(add, document, workspace, kind, *place))
+    return menu
 
 
 def _add_placed_commands(

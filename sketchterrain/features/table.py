@@ -345,13 +345,6 @@ class VectorLayer:
         number, index = self._find(name)
         return int(self._firsts[number, 0]) + index
 
-    def vertices_of(self, name: int) -> range:
-        """Return the numbers of a feature's vertices; raise KeyError for an unknown id."""
-        number, index = self._find(name)
-        piece, offset = self.pieces[number], int(self._firsts[number, 2])
-        first, end = piece.rings[piece.parts[index : index + 2]].tolist()
-        return range(offset + first, offset + end)
-
     def feature(self, name: int) -> VectorFeature:
         """Return a feature by its id; raise KeyError for an unknown one."""
         number, index = self._find(name)

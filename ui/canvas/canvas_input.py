@@ -19,14 +19,12 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QToolTip
 
-from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import ContextMenu, ShortcutOverride, add_selection_commands
+from sketchterrain.ui.actions import ShortcutOverride, selection_menu
 from sketchterrain.ui.canvas.decorations import warning_at
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.engine.protocol import GoTo
-from sketchterrain.ui.models.selection import add
 
 if TYPE_CHECKING:
     from sketchterrain.ui.canvas.canvas import Canvas  # which makes its input
@@ -198,14 +196,8 @@ class CanvasInput(QObject):
         context, place = self._context, QPointF(event.pos())
         document, workspace, placed = context.document, context.workspace, context.link.placed
         x, y = context.world_from_sketch(*context.sketch_from_screen(place))
-        selection = workspace.selection = self._select.selection_under(place)
-        menu = ContextMenu(self._canvas)
-        if selection is not None:
-            add_selection_commands(menu, document, workspace, placed, selection)
-            menu.addSeparator()
-        submenu = menu.add_submenu("add", "Add here")
-        for kind in FEATURE_TYPES:
-            submenu.add_command("", kind.capitalize(), partial(add, document, workspace, kind, x, y))
+        workspace.selection = self._select.selection_under(place)
+        menu = selection_menu(self._canvas, document, workspace, placed, (x, y))
         menu.add_command("orbit", "Look here in 3-D", partial(context.link.send, GoTo(x, y)))
         menu.popup(event.globalPos())
         return True

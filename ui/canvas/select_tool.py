@@ -12,14 +12,14 @@ from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import draw_feature, draw_selected_feature
 from sketchterrain.ui.commands import exists, name_of, reported
 from sketchterrain.ui.engine.protocol import GoTo, Placement
-from sketchterrain.ui.models.features import SelectedFeature, insert_vertex
+from sketchterrain.ui.models.features import SelectedFeature, drag_refusal, insert_vertex
 from sketchterrain.ui.models.selection import (
     OFFSET_ROLES,
     REACH,
     FeatureDrag,
     delete,
-    handle_refusal,
     handles_of,
+    kept,
     next_below,
     selections_at,
 )
@@ -139,8 +139,9 @@ class SelectTool(Tool):
         """Return what a command at a screen position is for: a vertex, or what a click would select."""
         at = self.context.world_from_sketch(*self.context.sketch_from_screen(place))
         handle = self._handle_at(at)
-        is_vertex = handle is not None and handle.is_vertex
-        return handle.selection if handle and is_vertex else next(iter(self._selections_at(at)), None)
+        if handle is not None and handle.is_vertex:
+            return handle.selection
+        return kept(self._selections_at(at), self.context.workspace.selection)
 
     def cursor_at(self, place: QPointF) -> Qt.CursorShape:
         if self.is_busy:
@@ -209,7 +210,7 @@ class SelectTool(Tool):
     def _start_drag(self, handle: Handle, at: tuple[float, float]) -> None:
         context, placed = self.context, self.context.link.placed
         self._pressed = None
-        if refusal := handle_refusal(context.document, context.workspace, handle):
+        if refusal := drag_refusal(context.document, context.workspace, handle):
             self._report(refusal)
             return
         reach = REACH / context.px_per_metre
@@ -238,7 +239,8 @@ class SelectTool(Tool):
     def _selected(self) -> SelectedFeature | None:
         """The selected feature, as it is dragged."""
         context, drag = self.context, self._drag
-        return SelectedFeature.find(context.document, context.workspace.selection, drag and drag.sketch)
+        sketch = None if drag is None else drag.sketch
+        return SelectedFeature.find(context.document, context.workspace.selection, sketch)
 
     def _handle_at(self, at: tuple[float, float]) -> Handle | None:
         """Return the handle at a position, m."""

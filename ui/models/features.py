@@ -73,8 +73,11 @@ class SelectedFeature:
         sketch = sketch or document.sketch
         if selection is None or selection.is_placed:
             return None
-        draped, vectors = document.drapes, sketch.vectors
-        table = draped.table(selection.layer) if selection.is_draped else vectors[selection.kind]
+        table: Table | None
+        if selection.is_draped:
+            table = document.drapes.table(selection.layer)
+        else:
+            table = sketch.vectors[selection.kind]
         return None if table is None or selection.id not in table else cls(sketch, table, selection)
 
     @cached_property
@@ -398,9 +401,9 @@ def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
 
 
 def drag_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
-    """Return why a handle of a feature cannot be dragged; empty if it can."""
+    """Return why a handle cannot be dragged; empty if it can."""
     selection, own = handle.selection, SelectedFeature.find(document, handle.selection)
-    problem = refusal(document, workspace, selection)
+    problem = "" if selection.is_placed else refusal(document, workspace, selection)
     if problem or own is None or selection.is_draped or handle.role == "width":
         return problem
     moved = own.places[[selection.index]] if handle.role == "point" else own.places

@@ -42,11 +42,6 @@ OFFSET_ROLES = ("width", "corner", "rotate")
 """Roles of handles that are shown some px farther from their base."""
 
 
-def handle_refusal(document: Document, workspace: Workspace, handle: Handle) -> str:
-    """Return why a handle cannot be dragged; empty if it can."""
-    return "" if handle.selection.is_placed else features.drag_refusal(document, workspace, handle)
-
-
 def selections_at(
     document: Document, workspace: Workspace, placed: Placement, x: float, y: float, texel: float
 ) -> list[Selection]:
@@ -69,6 +64,12 @@ def next_below(stack: list[Selection], selection: Selection | None) -> Selection
     """Return what a click on a stack selects: the first of it, or what follows the selected one."""
     whole = selection and replace(selection, index=None)
     return stack[(stack.index(whole) + 1) % len(stack) if whole in stack else 0] if stack else None
+
+
+def kept(stack: list[Selection], selection: Selection | None) -> Selection | None:
+    """Return what a menu on a stack is for: the selected one, else the first of it."""
+    whole = selection and replace(selection, index=None)
+    return whole if whole in stack else next(iter(stack), None)
 
 
 def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:

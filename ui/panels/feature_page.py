@@ -130,7 +130,8 @@ class FeaturePage(QWidget):
             self._workspace.selection = Selection(layer, int(changed[1].ids[-1]))
 
     def _set(self, name: str, value: Value | None, key: object) -> None:
-        own = SelectedFeature.find(self._document, self._shown and self._shown.selection)
+        shown = self._shown
+        own = None if shown is None else SelectedFeature.find(self._document, shown.selection)
         if own is not None:
             with reported(self._document.message.emit, self.refresh):
                 set_property(self._document, self._workspace, own, name, value, key)

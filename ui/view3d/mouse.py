@@ -9,20 +9,18 @@ from PyQt6.QtCore import QEvent, QObject, QPointF, Qt, pyqtSignal
 from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
-from sketchterrain.ui.actions import ContextMenu, add_selection_commands
+from sketchterrain.ui.actions import selection_menu
 from sketchterrain.ui.commands import reported
 from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.features import insert_vertex
+from sketchterrain.ui.models.features import drag_refusal, insert_vertex
 from sketchterrain.ui.models.selection import (
     REACH,
     FeatureDrag,
-    add,
-    handle_refusal,
     handles_of,
+    kept,
     next_below,
     selections_at,
 )
@@ -157,17 +155,9 @@ class ViewMouse(QObject):
         placed, document, workspace = self._link.placed, self._document, self._workspace
         if placed is NOT_PLACED:
             return
-        menu = ContextMenu(self._view)
         if place is not None:
-            workspace.selection = vertex or self._find(place)
-        selection = workspace.selection
-        if selection is not None:
-            add_selection_commands(menu, document, workspace, placed, selection)
-        if place is not None:
-            menu.addSeparator()
-            for kind in FEATURE_TYPES:
-                create = partial(add, document, workspace, kind, place[0], place[1])
-                menu.add_command("add", f"Add {kind} here", create)
+            workspace.selection = vertex or kept(self._stack(place), workspace.selection)
+        menu = selection_menu(self._view, document, workspace, placed, place and place[:2])
         if menu.isEmpty():
             menu.close()
         else:
@@ -185,7 +175,7 @@ class ViewMouse(QObject):
         if event.button() == _Button.LeftButton and plain and mark and projection:
             self._forget_drag()
             handle = mark.handle
-            if refusal := handle_refusal(document, self._workspace, handle):
+            if refusal := drag_refusal(document, self._workspace, handle):
                 self._document.message.emit(refusal)
                 return
             self._drag = HandleDrag(document, self._link.placed, mark, projection, at)
@@ -288,15 +278,15 @@ class ViewMouse(QObject):
             self._pick("select", at, self._select_at)
 
     def _select_at(self, place: Place | None) -> None:
-        self._workspace.selection = None if place is None else self._find(place)
+        stack = [] if place is None else self._stack(place)
+        self._workspace.selection = next_below(stack, self._workspace.selection)
 
-    def _find(self, place: Place) -> Selection | None:
+    def _stack(self, place: Place) -> list[Selection]:
         projection = self._projection()
         if projection is None:
-            return None
+            return []
         texel = projection.metres_per_px(place)
-        found = selections_at(self._document, self._workspace, self._link.placed, *place[:2], texel)
-        return next_below(found, self._workspace.selection)
+        return selections_at(self._document, self._workspace, self._link.placed, *place[:2], texel)
 
     def _go_to(self, place: Place | None) -> None:
         """Insert a vertex in the selected vector at a place (m) on it, else centre the place."""

@@ -31,6 +31,13 @@ def _drape_pieces(size: int) -> tuple[Any, ...]:
     return *given, *found, np.zeros(2, np.int64), np.zeros_like(points)
 
 
+def _encode_texels(size: int) -> tuple[Any, ...]:
+    random = np.random.default_rng(11)
+    painted, moments = (random.uniform(-0.1, 1.1, (size * size, n)).astype(np.float32) for n in (4, 5))
+    moments[::3, :2] *= 60.0
+    return painted, moments, *np.zeros((2, size * size, 4), np.uint8)
+
+
 def _choose_labels(size: int) -> tuple[Any, ...]:
     random = np.random.default_rng(3)
     low = np.round(random.uniform(0.0, 900.0, (size, 2)))
@@ -119,6 +126,7 @@ def _edges_near(size: int) -> tuple[Any, ...]:
 
 SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
     "drape_pieces": _drape_pieces,
+    "encode_texels": _encode_texels,
     "choose_labels": _choose_labels,
     "share_excess": _share_excess,
     "lower_envelope": _lower_envelope,

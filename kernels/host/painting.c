@@ -208,6 +208,27 @@ void premultiply(int64_t texels, const uint8_t texel[restrict texels][4], uint8_
         }
 }
 
+static inline float clamped(float x) { return x < 0.0f ? 0.0f : x > 1.0f ? 1.0f : x; }
+
+void encode_texels(
+    int64_t texels, const float painted[restrict texels][4], const float moments[restrict texels][5],
+    uint8_t colour[restrict texels][4], uint8_t relief[restrict texels][4])
+{
+    const float most = (float)STEEPEST;
+    for (int64_t n = 0; n < texels; n++) {
+        const float *p = painted[n], *m = moments[n];
+        float east = m[0] * m[0], north = m[1] * m[1], variance = m[2] - 0.5f * (east + north);
+        float shorter = 1.0f / sqrtf(1.0f + east + north), x = -m[0] * shorter, y = -m[1] * shorter;
+        float length = sqrtf(x * x + y * y), less = length > most ? most / length : 1.0f;
+        float alpha2 = m[3] + 2.0f * (variance > 0.0f ? variance : 0.0f);
+        const float found[8] = {
+            sqrtf(clamped(p[0])), sqrtf(clamped(p[1])), sqrtf(clamped(p[2])), p[3], 0.5f + 0.5f * (x * less),
+            0.5f + 0.5f * (y * less), sqrtf(sqrtf(clamped(alpha2))), m[4]};
+        for (int c = 0; c < 8; c++)
+            (c < 4 ? colour : relief)[n][c % 4] = (uint8_t)rintf(clamped(found[c]) * 255.0f);
+    }
+}
+
 void choose_labels(
     int64_t candidates, int64_t labels, const int64_t order[restrict candidates],
     const double box[restrict labels][4], const int64_t label[restrict labels],

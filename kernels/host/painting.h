@@ -1,5 +1,5 @@
 /* What is painted: parts of draped features, listed by the blocks of a square's texels that they may cover;
- * texels; the choice of labels.
+ * texels of tiles and textures; the choice of labels.
  *
  * Lengths are in texels from the square's south-west corner, blocks are numbered by rows from the north-west.
  */
@@ -39,6 +39,15 @@ HOST void drape_pieces(
 /* Multiply the three channels of texels by their share, the fourth one: round(c s / 255), 0 ... 255. */
 HOST void premultiply(
     int64_t texels, const uint8_t texel[restrict texels][4], uint8_t result[restrict texels][4]);
+
+#define STEEPEST 0.999 /* largest length of a normal's horizontal part */
+
+/* Encode a mipmap level of a material as bytes: sqrt(albedo) and height; 0.5 + 0.5 normal x and y, roughness
+ * and openness. Roughness is that of a surface (Trowbridge-Reitz) whose slopes vary around their mean. */
+HOST void encode_texels(
+    int64_t texels, const float painted[restrict texels][4], /* linear albedo, height: 0 ... 1 */
+    const float moments[restrict texels][5], /* slopes east, north, mean of their squares, alpha^2, openness */
+    uint8_t colour[restrict texels][4], uint8_t relief[restrict texels][4]);
 
 /* Choose labels in their order: those that neither overlap one placed before nor are near an equal one. */
 HOST void choose_labels(

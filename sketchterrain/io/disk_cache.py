@@ -16,7 +16,7 @@ from threading import Lock
 from typing import Any, Final
 
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.io.files import cache_folder, write_atomic
+from sketchterrain.io.files import atomic_file, cache_folder
 
 _DONE: Final = "complete"  # a file in a finished folder
 _STALE: Final = 86400.0  # s after which an unfinished folder is abandoned
@@ -31,7 +31,7 @@ CREATE TABLE IF NOT EXISTS records (a INT, b INT, c INT, d INT, content BLOB, PR
 def cached_bytes(
     family: str,
     recipe: str,
-    compute: Callable[[], bytes],
+    compute: Callable[[], bytes | memoryview],
     folder: Path | None = None,
     *,
     max_bytes: int = 0,
@@ -51,7 +51,9 @@ def cached_bytes(
     computed = compute()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, hashlib.sha256(computed).digest() + computed)
+        with atomic_file(path) as stream:
+            stream.write(hashlib.sha256(computed).digest())
+            stream.write(computed)
         delete_old(folder.glob(f"{family}-*{_SUFFIX}"), max_bytes)
     except (OSError, SketchterrainError):
         pass  # a full or read-only disk costs time, no more

@@ -14,7 +14,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache, partial
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_erosion
@@ -244,21 +244,24 @@ class UnpaintedGround:
     def _drained(self, level: int, sites: list[Site]) -> dict[Site, _Cell]:
         """Return the cells of sites at a level."""
         result = {site: self._cells.get((level, *site)) for site in sites}
-        missing = [site for site in sites if result[site] is None]
-        coarser = self._drained(level + 1, missing) if missing and level < LEVELS - 1 else {}
         groups: dict[Site, list[Site]] = {}
-        for site in missing:
-            groups.setdefault((site[0] // _GROUP, site[1] // _GROUP), []).append(site)
+        for site in sites:
+            if result[site] is None:
+                groups.setdefault((site[0] // _GROUP, site[1] // _GROUP), []).append(site)
         run = map if self._executor is None or len(groups) == 1 else self._executor.map
-        for cells in run(lambda group: self._drain_group(level, group, coarser), groups.values()):
+        largest_first = sorted(groups.values(), key=len, reverse=True)  # threads end at about the same time
+        for cells in run(partial(self._drain_group, level), largest_first):
             result |= cells
         return result
 
-    def _drain_group(self, level: int, sites: list[Site], coarser: dict[Site, _Cell]) -> dict[Site, _Cell]:
+    def _drain_group(self, level: int, sites: list[Site]) -> dict[Site, _Cell]:
         """Drain cells of neighbouring sites, each from its next coarser level, and cache them."""
-        finest = self.settings.spacing
-        nodes = self._cells_of(level, sites)
-        result = {}
+        coarser: dict[Site, Any] = {}
+        if level < LEVELS - 1:
+            coarser = {site: self._cells.get((level + 1, *site)) for site in sites}
+            missing = [site for site in sites if coarser[site] is None]
+            coarser |= self._drain_group(level + 1, missing) if missing else {}
+        finest, nodes, result = self.settings.spacing, self._cells_of(level, sites), {}
         for number, (site, box) in enumerate(zip(sites, nodes.boxes.tolist(), strict=True)):
             if not any(box):
                 result[site] = self._cells.store((level, *site), _NOTHING)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -118,17 +119,19 @@ _FORMAT: Final = 1  # to be changed when `mipmaps` encodes the same textures dif
 
 def procedural_levels(size: int, open_context: ContextFactory) -> Levels:
     """Return the procedural textures, `size` (a power of two) texels a side, cached on disk."""
-    shapes = [(len(BUILT_IN.layers), size >> level, size >> level, 4) for level in range(size.bit_length())]
     recipe = f"{source(SOURCE, DEFINES)}\n{BUILT_IN.layers.values()}\n{size}\n{_FORMAT}"
-    flat = np.frombuffer(
-        cached_bytes(f"materials-{size}", recipe, lambda: _compute_levels(size, open_context())), np.uint8
-    )
+    content = cached_bytes(f"materials-{size}", recipe, lambda: _compute_levels(size, open_context()))
+    return _levels_in(np.frombuffer(content, np.uint8), size)
+
+
+def _levels_in(flat: UInt8Array, size: int) -> Levels:
+    """Return the levels that follow each other in bytes."""
     levels, start = [], 0
-    for shape in shapes:
-        one = int(np.prod(shape))
-        pair = flat[start : start + 2 * one].reshape(2, *shape)
-        levels.append((pair[0], pair[1]))
-        start += 2 * one
+    for side in (size >> level for level in range(size.bit_length())):
+        shape = 2, len(BUILT_IN.layers), side, side, 4
+        colour, relief = flat[start : start + prod(shape)].reshape(shape)
+        levels.append((colour, relief))
+        start += prod(shape)
     return levels
 
 
@@ -223,10 +226,11 @@ def _with_look(painted: Array, relief: Array, look: Mapping[str, Any]) -> tuple[
     return painted, np.concatenate([relief[..., :2], np.clip(relief[..., 2:], 0.0, 1.0)], axis=-1)
 
 
-def _compute_levels(size: int, context: ComputeContext) -> bytes:
-    layers = []
-    for layer in BUILT_IN.layers.values():
+def _compute_levels(size: int, context: ComputeContext) -> memoryview:
+    flat = np.empty(8 * len(BUILT_IN.layers) * ((4 * size * size - 1) // 3), np.uint8)
+    levels = _levels_in(flat, size)
+    for index, layer in enumerate(BUILT_IN.layers.values()):
         painted = paint_layer(context, layer.name, size)
-        layers.append(mipmaps(painted, emboss(context, painted, layer)))
-    levels = (zip(*level, strict=True) for level in zip(*layers, strict=True))
-    return b"".join(np.stack(part).tobytes() for level in levels for part in level)
+        for level, parts in zip(levels, mipmaps(painted, emboss(context, painted, layer)), strict=True):
+            level[0][index], level[1][index] = parts
+    return flat.data

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from sketchterrain.host.library import host_function
+from sketchterrain.io.resources import kernel_constants
 from sketchterrain.schema.materials import BUILT_IN, Texture
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
 SOURCE: Final = "material_textures.cl"
 _CASES = " ".join(f"case {index}: return {name}(u, v);" for index, name in enumerate(BUILT_IN.layers))
+(_STEEPEST,) = kernel_constants("host/painting.h", "STEEPEST")
 DEFINES: Final = (("TEXTURE_CASES", _CASES),)
 """Macros of `SOURCE`: the function of each texture layer."""
 
@@ -47,9 +50,6 @@ def emboss(context: ComputeContext, painted: Array, layer: Texture) -> Array:
 Moments = tuple["Float32Array", "Float32Array"]
 """(n, n, 4) linear albedo and height; (n, n, 5) slopes, the mean of both squared slopes, α², openness."""
 
-_STEEPEST: Final = 0.999
-"""Largest length of a normal's horizontal part, so that a byte a component holds it."""
-
 
 def moments(painted: Array, relief: Array) -> Moments:
     """Return the moments that are averaged, of albedo and height and of slopes, roughness, openness."""
@@ -65,22 +65,12 @@ def halve(fields: Float32Array) -> Float32Array:
     return (rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25)
 
 
-def filtered_roughness(roughness: Array, variance: Array) -> Array:
-    """Return the roughness √α (Trowbridge–Reitz) of a surface whose slopes vary around their mean."""
-    return np.sqrt(np.sqrt(np.clip(roughness**4 + 2.0 * variance, 0.0, 1.0)))
-
-
 def encode_level(level: Moments) -> tuple[UInt8Array, UInt8Array]:
     """Return bytes (n, n, 4): √albedo and height; 0.5 + 0.5 normal xy, filtered roughness, openness."""
-    painted, (east, north, square, alpha2, openness) = level[0], np.moveaxis(level[1], -1, 0)
-    variance = np.maximum(square - (east * east + north * north) * np.float32(0.5), np.float32(0.0))
-    roughness = filtered_roughness(np.sqrt(np.sqrt(alpha2)), variance)
-    shorter = np.float32(1.0) / np.sqrt(np.float32(1.0) + east * east + north * north)
-    flat = np.stack([-east * shorter, -north * shorter], axis=-1)
-    flat *= np.minimum(_STEEPEST / np.maximum(np.hypot(flat[..., 0], flat[..., 1]), 1e-6), 1.0)[..., None]
-    colour = np.concatenate([np.sqrt(np.clip(painted[..., :3], 0.0, 1.0)), painted[..., 3:]], axis=-1)
-    relief = np.concatenate([0.5 + 0.5 * flat, np.stack([roughness, openness], axis=-1)], axis=-1)
-    return _bytes(colour), _bytes(relief)
+    painted, fields = (np.ascontiguousarray(part).reshape(-1, part.shape[-1]) for part in level)
+    colour, relief = np.empty((2, *level[0].shape), np.uint8)
+    host_function("encode_texels")(painted, fields, colour.reshape(-1, 4), relief.reshape(-1, 4))
+    return colour, relief
 
 
 def mipmaps(painted: Array, relief: Array) -> Iterator[tuple[UInt8Array, UInt8Array]]:
@@ -110,7 +100,3 @@ def linear_from_hex(colour: str) -> Float64Array:
 def srgb_to_linear(values: Array) -> Array:
     """Convert sRGB values 0..1 to linear ones (IEC 61966-2-1)."""
     return np.asarray(np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))
-
-
-def _bytes(fields: Array) -> UInt8Array:
-    return np.asarray(np.rint(np.clip(fields, 0.0, 1.0) * 255.0), np.uint8)

@@ -76,7 +76,7 @@ def render_picture(
             context, terrain, textures=textures, quality=quality, drape_method=drape_method, **scene
         )
         renderer.prepare(camera, size)
-        renderer.draw(camera, framebuffer, clock=clock)
+        renderer.draw(camera, framebuffer, clock=clock, once=True)
         if overlays:
             overlay = Overlay(context, terrain, renderer.stream)
             for name in overlays:
@@ -185,7 +185,7 @@ class SnapshotRenderer:
             renderer = Renderer(self._context, terrain, quality=quality, resources=resources, **scene)
             renderer.prepare(camera, self._size)
             terrain.release_buffers()  # before drawing, which needs most
-            renderer.draw(camera, self._framebuffer)
+            renderer.draw(camera, self._framebuffer, once=True)
             picture = read_picture(self._texture)
             if timings is not None:
                 timings.update({"view": view_seconds} | renderer.timings)

@@ -127,12 +127,16 @@ class Renderer:
                 if not complete:
                     yield
 
-    def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
-        """Draw the prepared picture into a framebuffer; `clock` (s) animates water, plants and clouds."""
+    def draw(
+        self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0, once: bool = False
+    ) -> None:
+        """Draw the prepared picture into a framebuffer; `clock` (s) animates water, plants and clouds.
+
+        Drawn `once` it takes less memory.
+        """
         with self._timed("draw"):
-            for _ in self.scenery.draw(
-                self._clipped(camera), framebuffer, size=framebuffer.size, clock=clock
-            ):
+            clipped, size = self._clipped(camera), framebuffer.size
+            for _ in self.scenery.draw(clipped, framebuffer, size=size, clock=clock, once=once):
                 pass
 
     def refined(

@@ -232,21 +232,21 @@ class Scenery:
         clock: float,
         moving: bool = False,
         parts: int = 1,
+        once: bool = False,
     ) -> Iterator[None]:
         """Draw all loaded content into a framebuffer, enlarged from `size` (px), while iterated.
 
         `clock` (s) animates water, plants and clouds, `moving` means that the camera moves or that tiles,
         light or plants are incomplete. Costly passes are cut into `parts`; nothing else may use the context
-        until the last one, or the picture is lost.
+        until the last one, or the picture is lost. A picture drawn `once` takes less memory.
         """
         camera, draw_distance, above = view
         targets = self._targets.get(size)
         if targets is None:
             last_used = dict(list(self._targets.items())[-1:])
-            targets = RenderTargets(
-                self._context, size, self._quality.samples, self.stream.tile_renderer.words
-            )
-            self._targets = {**last_used, size: targets}
+            words = self.stream.tile_renderer.words
+            targets = RenderTargets(self._context, size, self._quality.samples, words, once=once)
+            self._targets = last_used if once else {**last_used, size: targets}
         self._drawn = targets
         self._set_frame(camera, targets, draw_distance)
         targets.gbuffer.use()
@@ -266,6 +266,7 @@ class Scenery:
         )
         yield from self._clouds.draw(units, parts=parts)
         yield from self.shading.shade_scene(targets, camera.eye, units | painted, parts=parts)
+        units |= self._bind(targets) if once else {}
         self.labels.test(targets, camera.eye)
         built = units | (self.shading.material_uniforms(camera.eye) if self.built else {})
         self._context.enable_only(moderngl.DEPTH_TEST)

@@ -107,14 +107,13 @@ class Shading:
             self._shade_single_sample(targets, shade, ground, units)
             return
         self._context.enable_only(moderngl.NOTHING)
-        for target, array, uniforms in (
-            (targets.shaded, shade, ground),
-            (targets.sky, self._sky, units),
-            (targets.upsampled, self._upsample, units),
-        ):
-            for _ in bands(target, parts):
+        passes = ("shaded", shade, ground), ("sky", self._sky, units), ("upsampled", self._upsample, units)
+        for target, array, uniforms in passes:
+            for _ in bands(getattr(targets, target), parts):
                 _run(array, uniforms)
                 yield
+            if array is shade:
+                targets.end_ground()
 
     def _shade_single_sample(
         self,

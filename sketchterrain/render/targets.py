@@ -21,38 +21,60 @@ class RenderTargets:
     (`sample_size`, px). With more than one sample `shaded` and `sky` have radiance at one sample a pixel,
     and `upsampled` receives it at all samples (spread.frag.glsl). `scene` is the same colour buffer with
     depth, for plants and water, `copy` a copy of it that water reads, `tonemapped` the picture if it is to
-    be enlarged. `textures` has all of them by sampler name.
+    be enlarged. `textures` has all of them by sampler name. Those for a single picture, drawn `once`, have
+    the weights and the scene one after the other.
     """
 
-    def __init__(self, context: moderngl.Context, size: tuple[int, int], samples: int, words: int) -> None:
+    def __init__(
+        self, context: moderngl.Context, size: tuple[int, int], samples: int, words: int, *, once: bool
+    ) -> None:
         self.size = size
         sample_size = (size[0] * samples, size[1] * samples)
         self.sample_size = sample_size
+        self._context, self._once = context, once and samples > 1
         self.depth = depth = _depth(context, sample_size)
-        normal, colour, copy_colour = (clamped(context.texture(sample_size, 4, dtype="f2")) for _ in range(3))
-        weights = [clamped(context.texture(sample_size, 4)) for _ in range(words)]
-        self.copy_depth = copy_depth = _depth(context, sample_size)
-        tonemapped = clamped(context.texture(size, 4))
-        self.gbuffer = context.framebuffer([normal, *weights], depth)
-        self.upsampled = context.framebuffer([colour])
-        self.scene = context.framebuffer([colour], depth)
-        self.copy = context.framebuffer([copy_colour], copy_depth)
-        self.tonemapped = context.framebuffer([tonemapped])
+        normal = clamped(context.texture(sample_size, 4, dtype="f2"))
+        self._weights = [clamped(context.texture(sample_size, 4)) for _ in range(words)]
+        self.gbuffer = context.framebuffer([normal, *self._weights], depth)
         self.textures: dict[str, Textures] = {
-            "gbuffer_depth": copy_depth if samples == 1 else depth,
+            "gbuffer_depth": depth,
             "gbuffer_normal": normal,
-            "gbuffer_weights": weights,
-            "radiance": colour,
-            "scene": copy_colour,
-            "scene_depth": copy_depth,
-            "tonemapped": tonemapped,
+            "gbuffer_weights": self._weights,
         }
         if samples > 1:
             self.textures["shaded"] = clamped(context.texture(size, 4, dtype="f4"))
             self.textures["sky"] = clamped(context.texture(size, 4, dtype="f2"))
             self.shaded = context.framebuffer([self.textures["shaded"]])
             self.sky = context.framebuffer([self.textures["sky"]])
-        self._context = context
+        if not self._once:
+            self._add_scene()
+        if samples == 1:
+            self.textures["gbuffer_depth"] = self.copy_depth
+
+    def _add_scene(self) -> None:
+        context = self._context
+        colour, copy_colour = (clamped(context.texture(self.sample_size, 4, dtype="f2")) for _ in range(2))
+        self.copy_depth = _depth(context, self.sample_size)
+        tonemapped = clamped(context.texture(self.size, 4))
+        self.upsampled = context.framebuffer([colour])
+        self.scene = context.framebuffer([colour], self.depth)
+        self.copy = context.framebuffer([copy_colour], self.copy_depth)
+        self.tonemapped = context.framebuffer([tonemapped])
+        self.textures |= {
+            "radiance": colour,
+            "scene": copy_colour,
+            "scene_depth": self.copy_depth,
+            "tonemapped": tonemapped,
+        }
+
+    def end_ground(self) -> None:
+        """Replace the weights by the scene, if there is one picture only; the ground is shaded."""
+        if self._once:
+            self.gbuffer.release()
+            for weights in self._weights:
+                weights.release()
+            del self.textures["gbuffer_weights"]
+            self._add_scene()
 
     def copy_scene(self) -> None:
         """Copy radiance and depth of the scene, for passes that read and overwrite them."""

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from sketchterrain.benchmarks.host_painting import SAMPLES
 from sketchterrain.features import items
 from sketchterrain.host.library import SOURCES, host_function
 from sketchterrain.io.resources import kernel_constants
@@ -42,7 +43,25 @@ def test_constants_are_those_of_the_kernels():
         **{name: getattr(items, name) for name in ("STROKE", "FILL", "BEFORE", "AFTER")},
         "PIECE_STARTS": items.STARTS,
         "PIECE_ENDS": items.ENDS,
+        "STEEPEST": 0.999,
     }
+
+
+def test_texels_are_encoded_as_the_formulas_of_their_bytes_say():
+    painted, moments, *found = arguments = SAMPLES["encode_texels"](40)
+    host_function("encode_texels")(*arguments)
+    east, north, square, alpha2, openness = moments.astype(np.float64).T
+    steep = east**2 + north**2
+    normal = -np.stack([east, north]) / np.sqrt(1.0 + steep)
+    normal *= np.minimum(0.999 / np.maximum(np.hypot(*normal), 1e-9), 1.0)
+    rough = np.clip(alpha2 + 2.0 * np.maximum(square - 0.5 * steep, 0.0), 0.0, 1.0) ** 0.25
+    expected = (
+        np.column_stack([np.sqrt(np.clip(painted[:, :3], 0.0, 1.0)), painted[:, 3]]),
+        np.column_stack([*(0.5 + 0.5 * normal), rough, openness]),
+    )
+    for texels, values in zip(found, expected, strict=True):
+        off = np.abs(texels - 255.0 * np.clip(values, 0.0, 1.0))
+        assert off.max() < 0.501
 
 
 def test_segments_and_points_are_in_all_blocks_that_they_may_cover():

@@ -199,7 +199,7 @@ def _moved(layer: VectorLayer, rng: np.random.Generator) -> tuple[VectorLayer, f
     """Return a layer after a random corner of the middle was moved, and when that began."""
     low = 0.5 * EXTENT - 0.5 * _VIEW
     near = layer.pieces_near(low, low, low + _VIEW, low + _VIEW)
-    vertices = np.concatenate([piece.vertices for _, piece in near])
+    vertices = np.concatenate([piece.vertices for piece in near])
     inside = vertices[((vertices > low) & (vertices < low + _VIEW)).all(axis=1)]
     while True:
         x, y = inside[rng.integers(len(inside))].tolist()

@@ -147,6 +147,16 @@ class Drapes:
     def _first_style(self) -> list[int]:
         return list(accumulate((1 + len(layer.classes) for layer in self.layers), initial=0))
 
+    @cached_property
+    def _widths(self) -> Float64Array:
+        """(n, 2) width of each style in metres and in pixels, of which one is 0."""
+        return np.array([(each.width(0.0), each.width(1.0) - each.width(0.0)) for each in self.styles])
+
+    @cached_property
+    def _shown(self) -> BoolArray:
+        """(n, 3) whether strokes, fills and points of each style are drawn."""
+        return np.array([each.shown for each in self.styles])
+
     def _styles_of(self, layer: int) -> tuple[LayerStyle, ...]:
         return self.styles[self._first_style[layer] : self._first_style[layer + 1]]
 
@@ -225,8 +235,7 @@ class Drapes:
         box: Bounds | None,
     ) -> Items:
         """Return the visible items of a layer, in their order, that reach a box."""
-        styles = self._styles_of(number)
-        shown = np.array([each.shown for each in styles])
+        styles, shown = self._styles_of(number), self._shown[self._first_style[number] :]
         reach = np.array([each.reach(texel) for each in styles])
         found = []
         for level, which in levels:
@@ -345,9 +354,10 @@ class Drapes:
 
     def _gaps(self, number: int, source: VectorSource, x: float, y: float, texel: float) -> dict[int, float]:
         """Return how far (m) a place is from features near it as they are drawn, at most 0 on them."""
-        styles, found, turns = self._styles_of(number), dict[int, float](), Counter[int]()
-        half = np.array([0.5 * max(each.width(texel), texel) for each in styles])
-        shown = np.array([each.shown for each in styles])
+        found, turns = dict[int, float](), Counter[int]()
+        own = slice(*self._first_style[number : number + 2])
+        half = 0.5 * np.maximum(self._widths[own] @ (1.0, texel), texel)
+        shown = self._shown[own]
         for level, which in source.query(_grown((x, y, x, y), float(half.max()) + PICK * texel), texel):
             items = level.items[which]
             row = 1 + source.classes(items["feature"], self.layers[number], self.memory)

@@ -20,6 +20,7 @@ from sketchterrain.features.table import (
     VectorFeature,
     VectorLayer,
     on_grid,
+    one_number,
     property_columns,
 )
 from sketchterrain.geometry.splines import drop_repeats
@@ -31,8 +32,6 @@ if TYPE_CHECKING:  # it takes a quarter of a second
 
 DRAPED: Final = "drape"
 """The name of draped layers in `to_text`."""
-
-_COMPLEX: Final = np.array([1.0, 1.0j])  # makes one number of a position
 
 
 class Features(Protocol):
@@ -84,30 +83,16 @@ def network_layers(name: str) -> tuple[str, ...]:
     return (name, *(each for each in WAY_LAYERS if each != name)) if name in WAY_LAYERS else (name,)
 
 
-def vertices_at(layer: VectorLayer, x: float, y: float) -> Int64Array:
-    """Return the numbers of the vertices at a position: those of one node."""
-    x, y = on_grid([x, y]).tolist()
-    near = layer.pieces_near(x, y, x, y)
-    # Pieces of areas that are sorted by their size are all everywhere: few have a vertex there.
-    some = ((first, piece) for first, piece in near if piece.has_easting(x))
-    found = [first + np.flatnonzero((piece.vertices == (x, y)).all(axis=1)) for first, piece in some]
-    return np.concatenate([np.zeros(0, np.int64), *found])
-
-
 def move_nodes(layer: VectorLayer, starts: Float64Array, ends: Float64Array) -> VectorLayer:
     """Move nodes from positions (n, 2) to others (m); at those of other nodes they are one."""
-    numbers = vertices_among(layer, starts)
-    if not len(numbers):
-        return layer
-    keys, order = np.unique(on_grid(starts) @ _COMPLEX, return_index=True)
-    ends, own = on_grid(ends)[order], layer.with_vertices(numbers)
-    moved = []
-    for feature in map(own.feature, own.ids.tolist()):
+    keys, order = np.unique(one_number(on_grid(starts)), return_index=True)
+    ends, moved = on_grid(ends)[order], dict[int, VectorFeature | None]()
+    for feature in layer.features_among(starts):
         vertices = np.concatenate(feature.rings)
-        at = np.minimum(np.searchsorted(keys, vertices @ _COMPLEX), len(keys) - 1)
-        is_node = (keys[at] == vertices @ _COMPLEX)[:, None]
-        moved.append(rebuilt(feature, np.where(is_node, ends[at], vertices), ring_numbers(feature)))
-    return layer.edited(own.ids.tolist(), [each for each in moved if each is not None])
+        at = np.minimum(np.searchsorted(keys, one_number(vertices)), len(keys) - 1)
+        is_node = (keys[at] == one_number(vertices))[:, None]
+        moved[feature.id] = rebuilt(feature, np.where(is_node, ends[at], vertices), ring_numbers(feature))
+    return layer.edited(list(moved), [each for each in moved.values() if each]) if moved else layer
 
 
 def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
@@ -115,26 +100,15 @@ def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, 
     return move_nodes(layer, np.array([start]), np.array([end]))
 
 
-def vertices_among(layer: VectorLayer, places: Float64Array) -> Int64Array:
-    """Return the numbers of the vertices at positions (n, 2), m."""
-    if len(places) == 1:
-        return vertices_at(layer, *places[0].tolist())
-    places = on_grid(places)
-    near = layer.pieces_near(*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
-    keys = places @ _COMPLEX
-    found = [first + np.flatnonzero(np.isin(piece.vertices @ _COMPLEX, keys)) for first, piece in near]
-    return np.concatenate([np.zeros(0, np.int64), *found])
-
-
 def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArray:
     """Return which vertices at positions (n, 2), m, are nodes with others of some layers."""
     low, high = places.min(axis=0), places.max(axis=0)
-    pieces = [piece for layer in layers for _, piece in layer.pieces_near(*low, *high)]
+    pieces = [piece for layer in layers for piece in layer.pieces_near(*low, *high)]
     near = [
         piece.vertices[((piece.vertices >= low) & (piece.vertices <= high)).all(axis=1)] for piece in pieces
     ]
-    found, counts = np.unique(np.concatenate(near) @ _COMPLEX, return_counts=True)
-    return np.asarray(counts[np.searchsorted(found, places @ _COMPLEX)] > 1)
+    found, counts = np.unique(one_number(np.concatenate(near)), return_counts=True)
+    return np.asarray(counts[np.searchsorted(found, one_number(places))] > 1)
 
 
 def ring_numbers(feature: VectorFeature) -> Int64Array:

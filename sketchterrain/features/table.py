@@ -54,6 +54,11 @@ def on_grid(places: npt.ArrayLike) -> Float64Array:
     return np.asarray(np.rint(np.asarray(places, np.float64) / STEP) * STEP + 0.0)
 
 
+def one_number(places: Float64Array) -> npt.NDArray[np.complex128]:
+    """Return one number of each position (n, 2), to be compared."""
+    return np.asarray(places @ np.array([1.0, 1.0j]))
+
+
 def vector_parameters(layer: str) -> Mapping[str, Parameter]:
     """Return the declared properties of a layer's features, those of its labels included."""
     return {**LAYERS[layer].parameters, **(LINES if "line" in LAYERS[layer].vectors else {})}
@@ -354,41 +359,31 @@ class VectorLayer:
         return VectorFeature(int(piece.kinds[index]), rings, int(piece.labels[index]), properties, name)
 
     def features_at(self, x: float, y: float) -> Iterator[VectorFeature]:
-        """Yield the features with a vertex at a position (m)."""
-        x, y = on_grid([x, y]).tolist()
-        for _, piece in self.pieces_near(x, y, x, y):
-            if piece.has_easting(x):
-                found = piece.ring_of_vertex[(piece.vertices == (x, y)).all(axis=1)]
-                yield from map(piece.feature, np.unique(piece.ids[piece.feature_of_ring[found]]).tolist())
+        """Yield the features with a vertex at a position (m): those of one node."""
+        return self.features_among(np.array([(x, y)]))
 
-    def pieces_near(
-        self, west: float, south: float, east: float, north: float
-    ) -> Iterator[tuple[int, VectorLayer]]:
-        """Yield the number of the first vertex and the piece of those that reach a rectangle (m)."""
+    def features_among(self, places: Float64Array) -> Iterator[VectorFeature]:
+        """Yield the features with a vertex at positions (n, 2), m."""
+        places = on_grid(places)
+        for piece in self.pieces_near(*places.min(axis=0).tolist(), *places.max(axis=0).tolist()):
+            # Pieces of areas that are sorted by their size are all everywhere: few have a vertex there.
+            if len(places) > 1 or piece._has_easting(places[0, 0]):
+                found = piece.ring_of_vertex[np.isin(one_number(piece.vertices), one_number(places))]
+                yield from map(piece.feature, piece.ids[np.unique(piece.feature_of_ring[found])].tolist())
+
+    def pieces_near(self, west: float, south: float, east: float, north: float) -> Iterator[VectorLayer]:
+        """Yield the pieces that reach a rectangle (m)."""
         low, high = self._reach[:, 2:4], self._reach[:, 4:]
-        for number in np.flatnonzero(((low <= (east, north)) & (high >= (west, south))).all(axis=1)).tolist():
-            yield int(self._firsts[number, 2]), self.pieces[number]
+        near = ((low <= (east, north)) & (high >= (west, south))).all(axis=1)
+        return (self.pieces[number] for number in np.flatnonzero(near).tolist())
 
-    def has_easting(self, x: float) -> bool:
-        """Return whether a vertex has an easting (m)."""
+    def _has_easting(self, x: float) -> bool:
         index = self._eastings.searchsorted(x)
         return bool(index < len(self._eastings) and self._eastings[index] == x)
 
     @cached_property
     def _eastings(self) -> Float64Array:
         return np.sort(self.vertices[:, 0])
-
-    def with_vertices(self, numbers: Int64Array) -> VectorLayer:
-        """Return the features that some vertices, by their numbers, belong to, as a layer."""
-        found: dict[int, set[int]] = {}
-        for vertex in numbers.tolist():
-            number = int(np.searchsorted(self._firsts[:, 2], vertex, side="right")) - 1
-            piece = self.pieces[number]
-            ring = int(np.searchsorted(piece.rings, vertex - self._firsts[number, 2], side="right")) - 1
-            index = int(np.searchsorted(piece.parts, ring, side="right")) - 1
-            found.setdefault(number, set()).add(index)
-        chosen = [self.pieces[each]._taken(np.array(sorted(found[each]))) for each in sorted(found)]
-        return _joined(chosen or [_EMPTY[self.layer]])
 
     def properties(self, indices: Sequence[int] | Int64Array) -> list[dict[str, Value]]:
         """Return the own properties of features by their indices."""

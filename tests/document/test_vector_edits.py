@@ -41,7 +41,7 @@ def test_a_node_moves_in_every_feature_and_snaps_to_another(rivers):
     assert places(moved, 1)[-1] == places(moved, 2)[-1] == (11.0, 3.0)
     assert moved.feature(1).properties == {"smooth": 1, "name": "Inn"}
     joined = edits.move_node(rivers, (0.0, 50.0), (10.0, 0.0))
-    assert len(edits.vertices_at(joined, 10.0, 0.0)) == 3
+    assert len([*joined.features_at(10.0, 0.0)]) == 3
     # Onto its neighbour: the vertex is one, and a line of one vertex is no line.
     assert places(edits.move_node(rivers, (5.0, 1.0), (10.0, 0.0)), 1) == [(0.0, 0.0), (10.0, 0.0)]
     assert edits.move_node(rivers, (0.0, 50.0), (9.0, 50.0)).ids.tolist() == [1, 2]

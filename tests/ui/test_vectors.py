@@ -7,7 +7,6 @@ from PyQt6.QtGui import QGuiApplication
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.edits import vertices_at
 from sketchterrain.features.picking import curves_of
 from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
 from sketchterrain.ui import commands
@@ -132,9 +131,9 @@ def test_a_new_river_shares_nodes_with_the_lines_that_it_touches(canvas, rivers,
     layer = layer_of(rivers)
     ends = layer.feature(3).rings[0][[0, -1]]
     assert ends[0].tolist() == [600, 600]
-    assert len(vertices_at(layer, 600.0, 600.0)) == 3
+    assert len([*layer.features_at(600.0, 600.0)]) == 3
     assert ends[1][0] == 600.0
-    assert len(vertices_at(layer, *ends[1])) == 2  # a vertex was inserted in the other river
+    assert len([*layer.features_at(*ends[1])]) == 2  # a vertex was inserted in the other river
     assert len(layer.feature(2).rings[0]) == 3
     assert steps(rivers) == ("Draw a line of rivers",)
     rivers.undo()

@@ -184,6 +184,8 @@ class SelectTool(Tool):
         painter.setBrush(SELECTED if active else QColor(255, 255, 255))
         if handle.role == "point":
             painter.drawRect(QRectF(at.x() - 3.5, at.y() - 3.5, 7.0, 7.0))
+        elif handle.role == "corner":
+            painter.drawPolygon(*(at + QPointF(*each) for each in ((-5, 0), (0, 5), (5, 0), (0, -5))))
         else:
             painter.drawEllipse(at, 5.0, 5.0)
 

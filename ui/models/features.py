@@ -331,7 +331,7 @@ def with_nodes(
     curves, found = curves_of(layer), dict[int, list[tuple[int, float, float, float]]]()
     own = [] if other_than is None else [each.id for each in layer.features_at(*other_than)]
     for x, y in np.unique(places, axis=0).tolist():
-        if len(edits.vertices_at(layer, x, y)):
+        if any(layer.features_at(x, y)):
             continue
         rows, distance, _ = curves.near(x, y, _ON_LINE)
         distance[np.isin(layer.ids[rows], own)] = np.inf
@@ -366,7 +366,7 @@ def _vertices_on(own: VectorLayer, layer: VectorLayer) -> Float64Array:
     import shapely
 
     low, high = own.vertices.min(axis=0) - _ON_LINE, own.vertices.max(axis=0) + _ON_LINE
-    pieces = [piece.vertices for _, piece in layer.pieces_near(*low.tolist(), *high.tolist())]
+    pieces = [piece.vertices for piece in layer.pieces_near(*low.tolist(), *high.tolist())]
     places = np.concatenate([np.zeros((0, 2)), *pieces])
     places = places[((places >= low) & (places <= high)).all(axis=1)]
     border = shapely.union_all(curves_of(own).outlines)
@@ -409,7 +409,7 @@ def drag_refusal(document: Document, workspace: Workspace, handle: Handle) -> st
     moved = own.places[[selection.index]] if handle.role == "point" else own.places
     names = [each.layer for each in network_of(document.sketch, selection.kind)]
     locked = (name for name in names if workspace.look(name).locked)
-    shared = (name for name in locked if len(edits.vertices_among(document.sketch.vectors[name], moved)))
+    shared = (name for name in locked if any(document.sketch.vectors[name].features_among(moved)))
     return next(map(workspace.refusal, shared), "")
 
 

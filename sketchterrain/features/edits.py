@@ -68,14 +68,15 @@ def shape_of(feature: VectorFeature) -> BaseGeometry:
     """Return a feature's points, lines or areas."""
     import shapely
 
-    single, several = {
-        POINT: (lambda rings: shapely.Point(rings[0][0]), shapely.MultiPoint),
-        LINE: (lambda rings: shapely.LineString(rings[0]), shapely.MultiLineString),
-        AREA: (lambda rings: shapely.Polygon(rings[0], rings[1:]), shapely.MultiPolygon),
-    }[feature.kind]
     ends = [*feature.parts[1:], len(feature.rings)]
-    shapes = [single(feature.rings[first:end]) for first, end in zip(feature.parts, ends, strict=True)]
-    return shapes[0] if len(shapes) == 1 else several(shapes)
+    parts = [feature.rings[first:end] for first, end in zip(feature.parts, ends, strict=True)]
+    if feature.kind == AREA:
+        shapes = [shapely.Polygon(border, holes) for border, *holes in parts]
+        return shapes[0] if len(shapes) == 1 else shapely.MultiPolygon(shapes)
+    if feature.kind == LINE:
+        return shapely.LineString(parts[0][0]) if len(parts) == 1 else shapely.MultiLineString(feature.rings)
+    places = np.concatenate(feature.rings)
+    return shapely.Point(places[0]) if len(parts) == 1 else shapely.MultiPoint(places)
 
 
 def network_layers(name: str) -> tuple[str, ...]:
@@ -228,10 +229,11 @@ def set_value(table: Table, name: int, key: str, value: Value | None) -> Table:
     """Set a property of a feature, or of the sketch's own its ``label``; None removes its own value."""
     feature = table.feature(name)
     if key == "label" and isinstance(table, VectorLayer):
-        return table.edited([name], [replace(feature, label=int(value or 1))])
-    rest = {other: own for other, own in feature.properties.items() if other != key}
-    properties = rest if value is None else {**rest, key: value}
-    return table.edited([name], [replace(feature, properties=properties)])
+        changed = replace(feature, label=int(value or 1))
+    else:
+        properties = {other: own for other, own in feature.properties.items() if other != key}
+        changed = replace(feature, properties=properties if value is None else {**properties, key: value})
+    return table.edited([name], [changed])
 
 
 def moved(feature: VectorFeature, east: float, north: float) -> VectorFeature:

@@ -387,7 +387,7 @@ def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) 
         found.append(shapely.get_coordinates(shapely.intersection(line, shapes[same])))
     places = on_grid(np.concatenate(found))
     near = shapely.dwithin(shapely.points(places), shapely.multipoints(own.vertices), _AT_VERTEX)
-    return places[~near]
+    return np.asarray(places[~near])
 
 
 def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
@@ -406,7 +406,7 @@ def drag_refusal(document: Document, workspace: Workspace, handle: Handle) -> st
     problem = "" if selection.is_placed else refusal(document, workspace, selection)
     if problem or own is None or selection.is_draped or handle.role == "width":
         return problem
-    moved = own.places[[selection.index]] if handle.role == "point" else own.places
+    moved = own.places[[selection.index or 0]] if handle.role == "point" else own.places
     names = [each.layer for each in network_of(document.sketch, selection.kind)]
     locked = (name for name in names if workspace.look(name).locked)
     shared = (name for name in locked if any(document.sketch.vectors[name].features_among(moved)))

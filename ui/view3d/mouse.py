@@ -319,7 +319,7 @@ class ViewMouse(QObject):
         drag = self._scene.drag
         if self._drag is not None or drag is None:
             return
-        handle, x, y, _ = drag
+        handle, x, y = drag[:3]
         if not handle.selection.is_placed:  # it moves at once
             self._forget_drag()
             return

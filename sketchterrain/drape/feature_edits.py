@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -53,14 +54,12 @@ class DrapedFeatures:
 
     def feature(self, number: int) -> VectorFeature:
         """Return a feature, of one with several kinds of parts the areas; raise InputError without one."""
-        found = self.source.feature(number)
-        given = {name: value for name, value in found.properties.items() if value is not None}
-        return feature_of(found.geometry, given, number)
+        return _feature(self.source, number)
 
     def __contains__(self, number: int) -> bool:
         """Return whether there is a feature with an id."""
         with suppress(InputError):
-            return self.source.feature(number).id == number
+            return self.feature(number).id == number
         return False
 
     def near(self, x: float, y: float, reach: float) -> list[VectorFeature]:
@@ -101,6 +100,13 @@ class DrapedFeatures:
             edits[number] = FeatureEdit(number, shapely.to_wkb(shape), tuple(feature.properties.items()))
         layer = self.layer.replace(edits=edits)
         return DrapedFeatures(layer, self.source.updated(layer))
+
+
+@lru_cache(maxsize=8)
+def _feature(source: VectorSource, number: int) -> VectorFeature:
+    found = source.feature(number)
+    given = {name: value for name, value in found.properties.items() if value is not None}
+    return feature_of(found.geometry, given, number)
 
 
 def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:

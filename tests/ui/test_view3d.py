@@ -434,6 +434,23 @@ def test_ways_follow_the_drag_of_their_node_and_get_vertices_in_the_view(
     assert workspace.selection == Selection("road", 1, 1)
 
 
+def test_what_is_drawn_under_a_pixel_is_picked_before_what_is_near(view, link, document, workspace):
+    texel = view._scene.projection(view.width(), view.height()).metres_per_px((800.0, 600.0, 0.0))
+    added = {"river": (600.0, {"width": 4.0 * texel}), "road": (600.0 + 6.0 * texel, {"width": texel})}
+    layers = {
+        name: VectorLayer(name).edited(
+            add=[VectorFeature(LINE, (np.array([(200.0, y), (1400.0, y)]),), 1, properties)]
+        )
+        for name, (y, properties) in added.items()
+    }
+    document.open(document.sketch.replace(vectors=layers), modified=True)
+    for off, expected in ((1.5, "river"), (3.0, "river"), (5.0, "road"), (6.0, "road")):
+        workspace.selection = None
+        click(view, 320, 240)
+        answer(link, (800.0, 600.0 + off * texel, 0.0))
+        assert workspace.selection == Selection(expected, 1), off
+
+
 def test_vertices_of_a_vector_are_dragged_in_one_step(view, link, document, workspace, placed):
     places = np.array([(800.0, 900.0), (1000.0, 1000.0), (1200.0, 900.0)])
     lines = [VectorFeature(LINE, (part,)) for part in (places, places[[2, 0]] - (0.0, 300.0))]

@@ -54,6 +54,7 @@ _MAX_STEPS = 1500  # along an outline
 _ALONG = 0.1  # m along a line, which gives its direction
 _DECIMALS = 2  # of a dragged width, m
 _LEAST: Final = {POINT: 1, LINE: 2, AREA: 3}  # points that are drawn
+_widths: dict[str, tuple[VectorLayer, object, Float64Array]] = {}  # of layers in use, with labels
 _NUMBERS: Final = {"int64": (int, "a whole number"), "float64": (float, "a number")}  # by dtype
 
 
@@ -275,7 +276,9 @@ def widths_of(sketch: Sketch, layer: VectorLayer) -> Float64Array:
     name = layer.layer
     if "width" not in LAYERS[name].parameters:
         return np.zeros(len(layer))
-    return np.where(layer.kinds == LINE, sketch.vector_widths(name), 0.0)
+    if name not in _widths or _widths[name][0] is not layer or _widths[name][1] != sketch.labels:
+        _widths[name] = layer, sketch.labels, np.where(layer.kinds == LINE, sketch.vector_widths(name), 0.0)
+    return _widths[name][2]
 
 
 def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:

@@ -35,7 +35,6 @@ from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_o
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.drape.feature_edits import DrapedFeatures
 from sketchterrain.drape.raster_source import DrapedRaster
 from sketchterrain.features.edits import with_places
 from sketchterrain.features.levels import Level
@@ -495,10 +494,11 @@ def _drag_row(
     seconds = []
     for step in range(count + 2):
         start = perf_counter()
-        table = DrapedFeatures.from_drapes(drapes, 1)
+        table = drapes.table(1)
         places = np.concatenate(table.feature(held[1]).rings)
         places[2] += _MOVES * np.array([(-1.0) ** step, 1.0])
-        drapes = drapes.updated((layers[0], with_places(table, held[1], places).layer))
+        moved = layers[1].replace(edits=with_places(table, held[1], places).edits)
+        drapes = drapes.updated((layers[0], moved))
         pictures.renderer.set_drapes(drapes, held)
         stats = pictures.renderer.frame(camera, pictures.framebuffer, elapsed=0.3)
         pictures.context.finish()

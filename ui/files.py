@@ -258,7 +258,7 @@ class Files(QObject):
 
     def save_drape(self, number: int, ask: bool) -> None:
         """Save a draped layer with its edits in its file, or in another one."""
-        from sketchterrain.drape.feature_edits import DRIVERS, save_layer  # GDAL
+        from sketchterrain.drape.saving import DRIVERS, save_layer  # GDAL
 
         document, drapes = self.document, self.document.drapes.current
         if drapes is None or drapes.layers != document.sketch.drapes:

@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
-from sketchterrain.features.table import Column
+from sketchterrain.features.table import Column, Feature
 from sketchterrain.io.files import too_large, wrap_read_errors
 from sketchterrain.schema.parameters import (
     FRAME,
@@ -24,11 +24,15 @@ from sketchterrain.schema.parameters import (
     Parameter,
     Properties,
     Sentinel,
+    Value,
     check_items,
     check_values,
     defaults,
     parameter_table,
 )
+
+if TYPE_CHECKING:  # it takes a quarter of a second
+    from shapely.geometry.base import BaseGeometry
 
 MAX_DRAPES: Final = 64
 """The most draped layers of a sketch."""
@@ -102,9 +106,7 @@ CLASS: Final = parameter_table(
 """Keys of ``[[drape.class]]``."""
 
 _ID: Final = Parameter("id", int, 0, 0, 2**63 - 1, "", "of the feature in the file; others are new features")
-_LITTLE_ENDIAN: Final = 1
 _SHAPES: Final = (0, 1, 3, 4, 5, 6)  # shapely's type ids of points, lines and areas, single or several
-_ROOM: Final = 64  # bytes of an edit's objects
 _ENTRY: Final = 72  # bytes of an edit in a layer
 
 
@@ -127,44 +129,6 @@ class DrapeClass:
         return hash((self.value, tuple(self.style.items())))
 
 
-@dataclass(frozen=True)
-class FeatureEdit:
-    """What replaces a feature of the file, or what is added to it, until the file is saved.
-
-    `geometry` is WKB in metres of the sketch; empty deletes the feature. `properties` are all of its
-    properties; those without a value are left out. Raise InputError if a value is not as declared.
-    """
-
-    id: int
-    geometry: bytes = b""
-    properties: tuple[tuple[str, int | float | str | None], ...] = ()
-
-    def __post_init__(self) -> None:
-        _ID.check(self.id, "drape.edit.id")
-        if self.geometry:
-            object.__setattr__(self, "geometry", _checked_geometry(self.geometry))
-        given = {name: _checked_property(name, value) for name, value in self.properties}
-        kept = tuple((name, value) for name, value in given.items() if value is not None)
-        object.__setattr__(self, "properties", kept)
-
-    @property
-    def nbytes(self) -> int:
-        """Approximate memory."""
-        return (
-            _ROOM + len(self.geometry) + sum(len(name) + len(str(value)) for name, value in self.properties)
-        )
-
-    def moved(self, change: Callable[[Float64Array], Float64Array]) -> FeatureEdit:
-        """Return it with changed coordinates (n, 2)."""
-        import shapely
-
-        if not self.geometry:
-            return self
-        return replace(
-            self, geometry=shapely.to_wkb(shapely.transform(shapely.from_wkb(self.geometry), change))
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class DrapedLayer:
     """A vector or raster file by its path, absolute once a sketch is loaded, with the keys of `DRAPE`.
@@ -176,7 +140,8 @@ class DrapedLayer:
     values: Properties = field(default_factory=dict)  # by the names in `DRAPE`, without `path`
     style: Properties = field(default_factory=dict)  # by the names in `STYLE`
     classes: tuple[DrapeClass, ...] = ()
-    edits: Mapping[int, FeatureEdit] = field(default_factory=dict)  # by feature
+    # What replaces features of the file, or is added to it, until it is saved, by id; None: deleted
+    edits: Mapping[int, Feature | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         given = {"path": self.path, **self.values}
@@ -191,7 +156,7 @@ class DrapedLayer:
             parse_crs(str(checked["crs"]))
         classes = check_items(DrapeClass, self.classes, "classes of a draped layer", most=MAX_CLASSES)
         object.__setattr__(self, "classes", classes)
-        object.__setattr__(self, "edits", MappingProxyType({edit.id: edit for edit in self.edits.values()}))
+        object.__setattr__(self, "edits", MappingProxyType(dict(self.edits)))
 
     # By hand: messages to other processes contain values of eq=False only once.
     def __eq__(self, other: object) -> bool:
@@ -270,10 +235,12 @@ def moved_drapes(
     drapes: Iterable[DrapedLayer], change: Callable[[Float64Array], Float64Array]
 ) -> tuple[DrapedLayer, ...]:
     """Return layers whose edits have changed coordinates (n, 2), as in a sketch of another extent."""
+
+    def moved(edit: Feature | None) -> Feature | None:
+        return edit and replace(edit, rings=tuple(map(change, edit.rings)))
+
     return tuple(
-        each.replace(edits={number: edit.moved(change) for number, edit in each.edits.items()})
-        if each.edits
-        else each
+        replace(each, edits={name: moved(edit) for name, edit in each.edits.items()}) if each.edits else each
         for each in drapes
     )
 
@@ -283,7 +250,7 @@ def new_drape_bytes(former: Sequence[DrapedLayer], drapes: Sequence[DrapedLayer]
     known = {id(edit) for layer in former for edit in layer.edits.values()}
     changed = [layer for layer in drapes if all(layer is not each for each in former)]
     edits = [edit for layer in changed for edit in layer.edits.values()]
-    return _ENTRY * len(edits) + sum(edit.nbytes for edit in edits if id(edit) not in known)
+    return _ENTRY * len(edits) + sum(edit.nbytes for edit in edits if edit and id(edit) not in known)
 
 
 def class_value(value: int | float | str | None) -> str:
@@ -296,7 +263,7 @@ def class_value(value: int | float | str | None) -> str:
 def check_drapes(drapes: Iterable[object]) -> tuple[DrapedLayer, ...]:
     """Return draped layers, from the lowest up; raise InputError for too many, or too large edits."""
     checked = check_items(DrapedLayer, drapes, "draped layers", most=MAX_DRAPES)
-    if sum(edit.nbytes for layer in checked for edit in layer.edits.values()) > MAX_EDIT_BYTES:
+    if sum(edit.nbytes for layer in checked for edit in layer.edits.values() if edit) > MAX_EDIT_BYTES:
         raise too_large("edits of draped layers that are not yet saved to their files", MAX_EDIT_BYTES)
     return checked
 
@@ -310,18 +277,25 @@ def parse_drape(table: Mapping[str, object]) -> DrapedLayer:
     check_keys(rest, [*_KEYS, "class", "edit"])
     if "path" not in rest:
         raise InputError(f"no path: expected {', '.join(_KEYS)}")
-    found = [_parse_edit(each) for each in edits]
-    layer = DrapedLayer(
-        rest.pop("path"),  # type: ignore[arg-type] # it checks every value
-        classes=tuple(DrapeClass(each.pop("value", ""), each) for each in classes),
-        edits={edit.id: edit for edit in found},
-    )
-    if len(layer.edits) < len(found):
-        raise InputError("two [[drape.edit]] have the same id: expected one of a feature")
-    return layer.replace(**rest)
+    styles = tuple(DrapeClass(each.pop("value", ""), each) for each in classes)
+    layer = DrapedLayer(rest.pop("path"), classes=styles)  # type: ignore[arg-type] # it checks every value
+    return _with_edits(layer, map(_parse_edit, edits)).replace(**rest)
 
 
-def _parse_edit(table: Mapping[str, Any]) -> FeatureEdit:
+_EditRow: TypeAlias = "tuple[Any, BaseGeometry | None, Mapping[str, Any]]"  # id, geometry and properties
+
+
+def _with_edits(layer: DrapedLayer, rows: Iterable[_EditRow]) -> DrapedLayer:
+    """Return a layer with edits that were read; raise InputError unless they are of different features."""
+    edits = dict[int, Feature | None]()
+    for name, geometry, properties in rows:
+        if _ID.check(name, "drape.edit.id") in edits:
+            raise InputError(f"two edits of feature {name}: expected one")
+        edits[name] = None if geometry is None else draped_feature(geometry, properties, name)
+    return replace(layer, edits=edits)
+
+
+def _parse_edit(table: Mapping[str, Any]) -> _EditRow:
     """Return an edit of a file of format 1 or 2, with its geometry as WKT."""
     check_keys(table, ["id", "geometry", "deleted", "properties"], "[[drape.edit]]")
     if ("geometry" in table) == ("deleted" in table) or table.get("deleted", True) is not True:
@@ -329,15 +303,12 @@ def _parse_edit(table: Mapping[str, Any]) -> FeatureEdit:
     properties = table.get("properties", {})
     if not isinstance(properties, dict):
         raise InputError(f"drape.edit.properties = {format_value(properties)}: expected a table")
-    number, geometry = table.get("id"), b""
-    if "geometry" in table:
-        import shapely
+    import shapely
 
-        try:
-            geometry = shapely.to_wkb(shapely.from_wkt(table["geometry"]))
-        except (shapely.errors.GEOSException, TypeError) as error:
-            raise InputError(f"drape.edit.geometry: expected WKT ({one_line(error)[:80]})") from None
-    return FeatureEdit(number, geometry, tuple(properties.items()))  # type: ignore[arg-type] # it checks it
+    try:
+        return table.get("id"), shapely.from_wkt(table.get("geometry")), properties
+    except (shapely.errors.GEOSException, TypeError) as error:
+        raise InputError(f"drape.edit.geometry: expected WKT ({one_line(error)[:80]})") from None
 
 
 def encode_edits(drapes: Sequence[DrapedLayer]) -> bytes:
@@ -345,52 +316,51 @@ def encode_edits(drapes: Sequence[DrapedLayer]) -> bytes:
 
     Columns are ``drape``, the number of the layer from 1, ``id``, and ``properties`` as JSON.
     """
-    import shapely
-
     from sketchterrain.features.files import encode_table
 
-    rows = [(number, edit) for number, each in enumerate(drapes, 1) for _, edit in sorted(each.edits.items())]
-    shapes = shapely.from_wkb(np.fromiter((edit.geometry or None for _, edit in rows), object, len(rows)))
+    rows = [
+        (number, name, layer.edits[name])
+        for number, layer in enumerate(drapes, 1)
+        for name in sorted(layer.edits)
+    ]
+    shapes = np.fromiter((edit and edit.geometry for *_, edit in rows), object, len(rows))
     columns: dict[str, Column] = {
-        "drape": np.array([number for number, _ in rows], np.int64),
-        "id": np.array([edit.id for _, edit in rows], np.int64),
-        "properties": tuple(json.dumps(dict(edit.properties)) for _, edit in rows),
+        "drape": np.array([number for number, *_ in rows], np.int64),
+        "id": np.array([name for _, name, _ in rows], np.int64),
+        "properties": tuple(json.dumps(dict(edit.properties) if edit else {}) for *_, edit in rows),
     }
     return encode_table("drapes", shapes, columns)
 
 
 def with_edits(drapes: Sequence[DrapedLayer], data: bytes) -> tuple[DrapedLayer, ...]:
     """Return layers with the edits of `encode_edits`; raise InputError if they do not fit, or are damaged."""
-    import shapely
-
     from sketchterrain.features.files import decode_table
 
     _, shapes, columns = decode_table(data)
-    edits: list[dict[int, FeatureEdit]] = [{} for _ in drapes]
+    rows: list[list[_EditRow]] = [[] for _ in drapes]
     try:
         values = (columns[name] for name in ("drape", "id", "properties"))
-        for number, name, text, wkb in zip(*values, shapely.to_wkb(shapes), strict=True):
-            own = edits[range(len(drapes)).index(number - 1)]
-            if name in own:
-                raise ValueError(f"two edits of feature {name}")
-            own[int(name)] = FeatureEdit(int(name), wkb or b"", tuple(json.loads(text).items()))
+        for number, name, text, geometry in zip(*values, shapes, strict=True):
+            rows[range(len(rows)).index(number - 1)].append((int(name), geometry, json.loads(text)))
+        return tuple(map(_with_edits, drapes, rows))
     except (LookupError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"expected edits of {len(drapes)} draped layers ({one_line(error)[:80]})") from None
-    return tuple(each.replace(edits=own) for each, own in zip(drapes, edits, strict=True))
 
 
-def _checked_geometry(wkb: bytes) -> bytes:
-    """Return little-endian WKB of points, lines or areas without heights; raise InputError for others."""
+def draped_feature(geometry: BaseGeometry, properties: Mapping[str, Any], name: int) -> Feature:
+    """Return a feature of points, lines or areas (m), without heights; raise InputError for another one."""
     import shapely
 
-    try:
-        shape = shapely.force_2d(shapely.from_wkb(wkb))
-    except shapely.errors.GEOSException as error:
-        raise InputError(f"drape.edit.geometry: expected WKB ({one_line(error)[:80]})") from None
-    is_finite = bool((abs(shapely.get_coordinates(shape)) < math.inf).all())
-    if shapely.get_type_id(shape) not in _SHAPES or shape.is_empty or not is_finite:
-        raise InputError(f"drape.edit.geometry = {one_line(shape)[:60]}: expected points, lines or areas")
-    return bytes(shapely.to_wkb(shape, byte_order=_LITTLE_ENDIAN))
+    is_finite = bool((abs(shapely.get_coordinates(geometry)) < math.inf).all())
+    if shapely.get_type_id(geometry) not in _SHAPES or geometry.is_empty or not is_finite:
+        raise InputError(f"drape.edit.geometry = {one_line(geometry)[:60]}: expected points, lines or areas")
+    return Feature.from_geometry(geometry, checked_properties(properties), name)
+
+
+def checked_properties(properties: Mapping[str, Any]) -> dict[str, Value]:
+    """Return the properties that have values; raise InputError if a GeoPackage could not have one."""
+    given = {name: _checked_property(name, value) for name, value in properties.items()}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _checked_property(name: object, value: object) -> int | float | str | None:

@@ -17,7 +17,7 @@ from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Arra
 from sketchterrain.caching import LRUCache
 from sketchterrain.document.drapes import DrapedLayer, drape_problem
 from sketchterrain.drape.raster_source import DrapedRaster
-from sketchterrain.drape.vector_source import Feature, VectorSource
+from sketchterrain.drape.vector_source import VectorSource
 from sketchterrain.drape.vector_store import FARTHEST
 from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
 from sketchterrain.features.files import find_driver
@@ -383,12 +383,12 @@ class Drapes:
         source = self.sources[layer]
         return source.features(box) if isinstance(source, VectorSource) else np.zeros(0, np.int64)
 
-    def feature(self, layer: int, number: int) -> Feature:
-        """Return a feature by its layer and id; raise InputError if there is no such feature."""
-        source = self.sources[layer]
+    def table(self, layer: int) -> VectorSource:
+        """Return the features of a layer by its number; raise InputError if it is no vector layer."""
+        source = self.sources[layer] if 0 <= layer < len(self.sources) else None
         if not isinstance(source, VectorSource):
-            raise InputError(f"layer {self.layers[layer].title}: expected features")
-        return source.feature(number)
+            raise InputError(f"draped layer {layer}: expected features")
+        return source
 
 
 def _store_notes(layer: DrapedLayer, source: VectorSource) -> Iterator[str]:
@@ -401,7 +401,7 @@ def _store_notes(layer: DrapedLayer, source: VectorSource) -> Iterator[str]:
         yield f"{store.empty} of {store.count} features have no geometry, or are damaged"
     if ids := list(map(str, store.incomplete)):
         yield f"areas with missing ways are absent or wrong: relations {first_few(ids, _MAX_NAMES)}"
-    names = store.fields.keys() | {name for edit in layer.edits.values() for name, _ in edit.properties}
+    names = store.fields.keys() | {name for edit in layer.edits.values() if edit for name in edit.properties}
     styles = [layer.style_of(number) for number in range(-1, len(layer.classes))]
     for key, value in {("by", layer["by"]), *(("label", str(style["label"])) for style in styles)}:
         if value and value not in names:

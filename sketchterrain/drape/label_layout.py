@@ -131,7 +131,7 @@ class LabelCandidates:
             (number << _ID_BITS) + name
             for number, (one, other) in enumerate(zip(old, self.layers, strict=False))
             for name in {**one.edits, **other.edits}
-            if one.edits.get(name) != other.edits.get(name)
+            if one.edits.get(name, 0) != other.edits.get(name, 0)
         ]
         self._keep(np.setdiff1d(self._read, stale) if before == self._keys else self._read[:0])
 
@@ -189,7 +189,8 @@ class LabelCandidates:
         assert self._drapes is not None  # noqa: S101 # it listed the feature
         number = feature >> _ID_BITS
         layer = self.layers[number]
-        _, geometry, properties = self._drapes.feature(number, feature & ((1 << _ID_BITS) - 1))
+        table, name = self._drapes.table(number), feature & ((1 << _ID_BITS) - 1)
+        geometry, properties = table.geometry(name), table.properties(name)
         number = layer.class_numbers.get(class_value(properties.get(layer["by"])), -1)
         style = layer.style_of(number)
         label = Label(label_text(properties.get(style["label"])), number)

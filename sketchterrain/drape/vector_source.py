@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,43 +16,31 @@ from shapely.geometry.base import BaseGeometry
 
 from sketchterrain.array_types import Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value, drape_problem
+from sketchterrain.document.drapes import DrapedLayer, checked_properties, class_value, drape_problem
 from sketchterrain.drape.vector_store import VectorStore, open_store
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.features.levels import (
     Level,
     Parts,
-    Shapes2D,
     joined,
     level_of,
     parts_of,
     split_shapes,
     touch,
 )
+from sketchterrain.features.table import Feature
 
 _ROUNDED = math.sqrt(0.5)  # of a tolerance: the farthest that a vertex moves
 _BATCH = 1 << 16  # values that are read at once
 
 
-class Feature(NamedTuple):
-    """A feature of a layer."""
-
-    id: int
-    geometry: BaseGeometry  # in metres of the sketch
-    properties: dict[str, int | float | str | None]
-
-
 class _EditedFeature:
     """Items of an edited feature at each level in use."""
 
-    def __init__(self, edit: FeatureEdit) -> None:
-        self.id = edit.id
-        self.shape: BaseGeometry | None = shapely.from_wkb(edit.geometry) if edit.geometry else None
+    def __init__(self, number: int, edit: Feature | None) -> None:
+        self.geometry = edit and edit.geometry
+        self._split = split_shapes(np.array([self.geometry], object), np.array([number]))
         self._parts: dict[float, Parts] = {}
-
-    @cached_property
-    def _split(self) -> Shapes2D:
-        return split_shapes(np.array([self.shape], object), np.array([self.id]))
 
     def parts(self, tolerance: float) -> Parts:
         if tolerance not in self._parts:
@@ -63,18 +52,28 @@ class _EditedFeature:
         return sum(array.nbytes for parts in self._parts.values() for array in parts)
 
 
+@lru_cache(maxsize=8)
+def _stored_feature(store: VectorStore, number: int) -> Feature | None:
+    """Return a feature of a file, None without a geometry; the last ones are kept."""
+    geometry = store.geometries([number])[0] if 0 <= number < store.count else None
+    if geometry is None:
+        return None
+    values = {name: value for name, value in store.properties(number).items() if value is not None}
+    return Feature.from_geometry(geometry, values, number)
+
+
 class VectorSource:
-    """Features of a layer with its edits; versions share what they do not change."""
+    """Features of a draped layer with its edits, by id; versions share what they do not change."""
 
     def __init__(
         self,
         store: VectorStore,
         stamp: tuple[int, int],
-        edits: Mapping[int, FeatureEdit],
+        edits: Mapping[int, Feature | None],
         known: Mapping[int, _EditedFeature],
     ) -> None:
-        self.store, self._stamp, self._edits = store, stamp, edits
-        self._edited = {number: known.get(number) or _EditedFeature(edit) for number, edit in edits.items()}
+        self.store, self._stamp, self.edits = store, stamp, edits
+        self._edited = {name: known.get(name) or _EditedFeature(name, edit) for name, edit in edits.items()}
         self._changed = np.array(sorted(edits), np.int64)
         self._levels: dict[int, Level] = {}
 
@@ -86,11 +85,36 @@ class VectorSource:
 
     def updated(self, layer: DrapedLayer) -> VectorSource:
         """Return the source with a layer's edits; features whose edit is the same are shared."""
-        if self._edits == layer.edits:
-            return self
-        edited = self._edited.items()
-        same = {number: each for number, each in edited if self._edits[number] == layer.edits.get(number)}
-        return VectorSource(self.store, self._stamp, layer.edits, same)
+        return self if self.edits == layer.edits else self._with(layer.edits)
+
+    def _with(self, edits: Mapping[int, Feature | None]) -> VectorSource:
+        own = ((name, each) for name, each in self._edited.items() if name in edits)
+        same = {name: each for name, each in own if self.edits[name] == edits[name]}
+        return VectorSource(self.store, self._stamp, edits, same)
+
+    def edited(self, remove: Sequence[int] = (), add: Sequence[Feature] = ()) -> VectorSource:
+        """Return the source without some features, and with others, in their places or with new ids.
+
+        Raise InputError if a feature becomes invalid.
+        """
+        edits, left, new = {**self.edits, **dict.fromkeys(remove)}, set(remove), self.next_id
+        for feature in add:
+            what, before = "new feature", self.geometry(feature.id) if feature.id in left else None
+            if before is not None:
+                what = f"feature {feature.id}"
+                if before.geom_type == "GeometryCollection":
+                    raise InputError(f"{what}: expected points, lines or areas, not several kinds of parts")
+            if not np.isfinite(np.concatenate(feature.rings)).all():
+                raise InputError(f"{what}: expected finite coordinates")
+            geometry = feature.geometry
+            if not shapely.is_valid(geometry) and (before is None or shapely.is_valid(before)):
+                reason = one_line(shapely.is_valid_reason(geometry))[:80]
+                raise InputError(f"{what}: expected a valid geometry ({reason})")
+            number = feature.id if feature.id in left else new
+            left, new = left - {number}, new + (number == new)
+            properties = checked_properties(feature.properties)
+            edits[number] = replace(feature, id=number, label=1, properties=properties)
+        return self._with(edits)
 
     def problem(self, layer: DrapedLayer) -> str:
         """Return in one line that the file is missing or has changed; empty if neither."""
@@ -148,32 +172,55 @@ class VectorSource:
         return np.unique(np.concatenate(found)).astype(np.int64)
 
     def feature(self, number: int) -> Feature:
-        """Return a feature; raise InputError if it was deleted, or has no geometry."""
-        if (shape := self._shape(number)) is None:
+        """Return a feature, of one with several kinds of parts the areas; raise InputError without one."""
+        found = self.edits[number] if number in self.edits else _stored_feature(self.store, number)
+        if found is None:
             raise InputError(f"feature {number}: expected one that the layer has, with a geometry")
-        if number in self._edited:
-            return Feature(number, shape, dict(self._edits[number].properties))
-        return Feature(number, shape, self.store.properties(number))
+        return found
 
-    def _shape(self, number: int) -> BaseGeometry | None:
+    def __contains__(self, number: int) -> bool:
+        """Return whether there is a feature with an id."""
+        known = self.edits[number] if number in self.edits else _stored_feature(self.store, number)
+        return known is not None
+
+    def near(self, x: float, y: float, reach: float) -> list[Feature]:
+        """Return the features that may be within a distance (m) of a place."""
+        found = self.features((x - reach, y - reach, x + reach, y + reach))
+        return list(map(self.feature, found.tolist()))
+
+    def features_at(self, x: float, y: float) -> list[Feature]:
+        """Return the features with a vertex at a position (m)."""
+        near = self.near(x, y, 0.0)
+        return [each for each in near if (np.concatenate(each.rings) == (x, y)).all(axis=1).any()]
+
+    def geometry(self, number: int) -> BaseGeometry | None:
+        """Return the geometry of a feature in metres of the sketch; None without one."""
         if number in self._edited:
-            return self._edited[number].shape
+            return self._edited[number].geometry
         return self.store.geometries([number])[0] if 0 <= number < self.store.count else None
+
+    def properties(self, number: int) -> Mapping[str, int | float | str | None]:
+        """Return the properties of a feature, of one of the file all, those without a value too."""
+        edit = self.edits.get(number)
+        return self.store.properties(number) if edit is None else edit.properties
 
     def parts(self, number: int) -> Parts:
         """Return the items of one feature with all of its vertices."""
-        return parts_of(split_shapes(np.array([self._shape(number)], object), np.array([number])), 0.0)
+        return parts_of(split_shapes(np.array([self.geometry(number)], object), np.array([number])), 0.0)
 
     def box_of(self, number: int) -> Float64Array:
         """Return the box (m) of a feature; NaN without one."""
-        return np.asarray(shapely.bounds(self._shape(number)))
+        return np.asarray(shapely.bounds(self.geometry(number)))
 
     def values(self, name: str, ids: Sequence[int]) -> list[int | float | str | None]:
         """Return a property of features."""
-        stored = [each for each in ids if each not in self._edited]
+        stored = [each for each in ids if each not in self.edits]
         known = dict(zip(stored, self.store.values(name, stored), strict=True))
-        edits = {each: dict(self._edits[each].properties) for each in ids if each in self._edits}
-        return [edits[each].get(name) if each in edits else known[each] for each in ids]
+        return [known[each] if each in known else self._edited_value(each, name) for each in ids]
+
+    def _edited_value(self, number: int, name: str) -> int | float | str | None:
+        edit = self.edits[number]
+        return None if edit is None else edit.properties.get(name)
 
     def classes(
         self, features: npt.NDArray[Any], layer: DrapedLayer, memory: LRUCache
@@ -193,7 +240,7 @@ class VectorSource:
         of_file = memory.get_or_compute((self.store, by, tuple(numbers.items())), stored)
         found[known] = of_file[features[known]]
         for number in set(features[np.isin(features, self._changed)].tolist()):
-            value = dict(self._edits[number].properties).get(by)
+            value = self._edited_value(number, by)
             found[features == number] = numbers.get(class_value(value), -1)
         return found
 
@@ -201,8 +248,8 @@ class VectorSource:
         """Return boxes (n, 4), m, of features that another version has otherwise, `without` one of them."""
         ids = [
             number
-            for number in self._edits.keys() | old._edits.keys()
-            if number != without and self._edits.get(number) != old._edits.get(number)
+            for number in self.edits.keys() | old.edits.keys()
+            if number != without and self.edits.get(number, 0) != old.edits.get(number, 0)
         ]
         boxes = [source.box_of(number) for source in (self, old) for number in ids]
         return np.array(boxes, np.float64).reshape(-1, 4)

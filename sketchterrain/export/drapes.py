@@ -52,17 +52,15 @@ def draped_shapes(drapes: Drapes | None, terrain: Terrain, bounds: Bounds, cell:
     from sketchterrain.features.files import valid_areas
 
     found = []
-    for number, (layer, source) in enumerate(zip(drapes.layers, drapes.sources, strict=True)):
+    for layer, source in zip(drapes.layers, drapes.sources, strict=True):
         if layer["visible"] and isinstance(source, VectorSource):
-            features = [drapes.feature(number, each) for each in drapes.features(number, bounds)]
-            shapes = valid_areas(np.array([each.geometry for each in features], object))
+            ids = source.features(bounds).tolist()
+            shapes = valid_areas(np.fromiter(map(source.geometry, ids), object, len(ids)))
             shapes = shapely.clip_by_rect(shapes, *bounds)
             kept = np.flatnonzero(~shapely.is_empty(shapes)).tolist()
-            own = [features[each] for each in kept]
+            ids = [ids[each] for each in kept]
             ground = _on_ground(shapes[kept], terrain, cell)
-            found.append(
-                DrapedShapes(layer, [each.id for each in own], ground, [each.properties for each in own])
-            )
+            found.append(DrapedShapes(layer, ids, ground, [dict(source.properties(each)) for each in ids]))
     return found
 
 

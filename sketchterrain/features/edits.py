@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, Protocol, Self, TypeVar
+from typing import Final, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from sketchterrain.features.table import (
     AREA,
     LINE,
     POINT,
-    VectorFeature,
+    Feature,
     VectorLayer,
     on_grid,
     one_number,
@@ -25,10 +25,7 @@ from sketchterrain.features.table import (
 )
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.schema.layers import WAY_LAYERS
-from sketchterrain.schema.parameters import Properties, Value
-
-if TYPE_CHECKING:  # it takes a quarter of a second
-    from shapely.geometry.base import BaseGeometry
+from sketchterrain.schema.parameters import Value
 
 DRAPED: Final = "drape"
 """The name of draped layers in `to_text`."""
@@ -37,46 +34,17 @@ DRAPED: Final = "drape"
 class Features(Protocol):
     """Features by id, of a layer of the sketch or of a draped one."""
 
-    def feature(self, name: int, /) -> VectorFeature:
+    def feature(self, name: int, /) -> Feature:
         """Return a feature by its id."""
 
-    def features_at(self, x: float, y: float, /) -> Iterable[VectorFeature]:
+    def features_at(self, x: float, y: float, /) -> Iterable[Feature]:
         """Return the features with a vertex at a position (m)."""
 
-    def edited(self, remove: Sequence[int] = (), add: Sequence[VectorFeature] = ()) -> Self:
+    def edited(self, remove: Sequence[int] = (), add: Sequence[Feature] = ()) -> Self:
         """Return the table without some features, and with others, in their places or appended."""
 
 
 Table = TypeVar("Table", bound=Features)
-
-
-def feature_of(shape: BaseGeometry, properties: Properties, name: int = 0) -> VectorFeature:
-    """Return a feature of points, lines or areas, single or several."""
-    import shapely
-
-    kind = int(shapely.get_dimensions(shape))
-    single = shapely.get_parts(shape)
-    single = single[shapely.get_dimensions(single) == kind]
-    parts = [list(shapely.get_rings(each)) if kind == AREA else [each] for each in single]
-    end = -1 if kind == AREA else None
-    rings = tuple(shapely.get_coordinates(ring)[:end] for part in parts for ring in part)
-    firsts = np.cumsum([0, *map(len, parts[:-1])]).tolist()
-    return VectorFeature(kind, rings, 1, properties, name, tuple(firsts))
-
-
-def shape_of(feature: VectorFeature) -> BaseGeometry:
-    """Return a feature's points, lines or areas."""
-    import shapely
-
-    ends = [*feature.parts[1:], len(feature.rings)]
-    parts = [feature.rings[first:end] for first, end in zip(feature.parts, ends, strict=True)]
-    if feature.kind == AREA:
-        shapes = [shapely.Polygon(border, holes) for border, *holes in parts]
-        return shapes[0] if len(shapes) == 1 else shapely.MultiPolygon(shapes)
-    if feature.kind == LINE:
-        return shapely.LineString(parts[0][0]) if len(parts) == 1 else shapely.MultiLineString(feature.rings)
-    places = np.concatenate(feature.rings)
-    return shapely.Point(places[0]) if len(parts) == 1 else shapely.MultiPoint(places)
 
 
 def network_layers(name: str) -> tuple[str, ...]:
@@ -87,7 +55,7 @@ def network_layers(name: str) -> tuple[str, ...]:
 def move_nodes(layer: VectorLayer, starts: Float64Array, ends: Float64Array) -> VectorLayer:
     """Move nodes from positions (n, 2) to others (m); at those of other nodes they are one."""
     keys, order = np.unique(one_number(on_grid(starts)), return_index=True)
-    ends, moved = on_grid(ends)[order], dict[int, VectorFeature | None]()
+    ends, moved = on_grid(ends)[order], dict[int, Feature | None]()
     for feature in layer.features_among(starts):
         vertices = np.concatenate(feature.rings)
         at = np.minimum(np.searchsorted(keys, one_number(vertices)), len(keys) - 1)
@@ -112,12 +80,12 @@ def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArr
     return np.asarray(counts[np.searchsorted(found, one_number(places))] > 1)
 
 
-def ring_numbers(feature: VectorFeature) -> Int64Array:
+def ring_numbers(feature: Feature) -> Int64Array:
     """Return the number of each vertex's ring."""
     return np.repeat(np.arange(len(feature.rings)), [len(ring) for ring in feature.rings])
 
 
-def rebuilt(feature: VectorFeature, vertices: Float64Array, ring: Int64Array) -> VectorFeature | None:
+def rebuilt(feature: Feature, vertices: Float64Array, ring: Int64Array) -> Feature | None:
     """Return a feature with other vertices in its rings, None if it has too few then.
 
     Repeats are left out, and rings that are too small, of a border with its holes.
@@ -160,7 +128,7 @@ def delete_vertex(table: Table, name: int, index: int) -> Table:
     return _with_vertices(table, feature, np.delete(vertices, index, axis=0), np.delete(ring, index))
 
 
-def _with_vertices(table: Table, feature: VectorFeature, vertices: Float64Array, ring: Int64Array) -> Table:
+def _with_vertices(table: Table, feature: Feature, vertices: Float64Array, ring: Int64Array) -> Table:
     changed = rebuilt(feature, vertices, ring)
     return table.edited([feature.id], [changed] if changed else [])
 
@@ -174,7 +142,7 @@ def split_line(table: Table, name: int, index: int) -> Table:
     return table.edited([name], [replace(line, rings=(first,)), replace(line, rings=(second,), id=0)])
 
 
-def _is_line(feature: VectorFeature) -> bool:
+def _is_line(feature: Feature) -> bool:
     return feature.kind == LINE and len(feature.rings) == 1
 
 
@@ -236,19 +204,19 @@ def set_value(table: Table, name: int, key: str, value: Value | None) -> Table:
     return table.edited([name], [changed])
 
 
-def moved(feature: VectorFeature, east: float, north: float) -> VectorFeature:
+def moved(feature: Feature, east: float, north: float) -> Feature:
     """Return a new feature beside another, at an offset (m)."""
     return replace(feature, rings=tuple(ring + np.array([east, north]) for ring in feature.rings), id=0)
 
 
-def to_text(name: str, features: Sequence[VectorFeature]) -> str:
+def to_text(name: str, features: Sequence[Feature]) -> str:
     """Return features as GeoJSON, in metres from the sketch's south-west corner, with their layer's name."""
     import shapely
 
     rows = [
         {
             "type": "Feature",
-            "geometry": json.loads(shapely.to_geojson(shape_of(each))),
+            "geometry": json.loads(shapely.to_geojson(each.geometry)),
             "properties": {**each.properties, "label": each.label},
         }
         for each in features
@@ -256,7 +224,7 @@ def to_text(name: str, features: Sequence[VectorFeature]) -> str:
     return json.dumps({"type": "FeatureCollection", "sketchterrain": name, "features": rows})
 
 
-def from_text(text: str) -> tuple[str, list[VectorFeature]]:
+def from_text(text: str) -> tuple[str, list[Feature]]:
     """Return the layer's name and features of `to_text`, without ids; raise InputError for another text."""
     import shapely
 
@@ -268,7 +236,7 @@ def from_text(text: str) -> tuple[str, list[VectorFeature]]:
         if not rows:
             raise ValueError("no features")
         if name == DRAPED:
-            return name, [feature_of(shape, row) for shape, row in zip(shapes, rows, strict=True)]
+            return name, [Feature.from_geometry(shape, row) for shape, row in zip(shapes, rows, strict=True)]
         layer = VectorLayer.from_shapes(name, shapes, labels=labels, columns=property_columns(rows))
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError, shapely.GEOSException):
         raise InputError("expected vectors copied from a sketch") from None

@@ -185,13 +185,13 @@ def open_vector_file(path: Path, location: str) -> Iterator[VectorFile]:
                 pyogrio.set_gdal_config_options({"CPL_TMPDIR": tempfile.gettempdir()})
                 dataset = str(_unpacked(file, Path(folder), location))
             try:
-                tables = pyogrio.list_layers(dataset)
+                listed = pyogrio.list_layers(dataset)
             except RuntimeError:
                 if driver != "ESRI Shapefile":
                     raise
                 dataset = str(_reindexed(file, Path(folder)))  # its index is damaged or missing
-                tables = pyogrio.list_layers(dataset)
-            names = [str(name) for name, kind in tables if kind is not None]
+                listed = pyogrio.list_layers(dataset)
+            names = [str(name) for name, kind in listed if kind is not None]
             if driver == "GPX":
                 names = [name for name in _GPX_TABLES if name in names]
             views = [name for name in names if known is not None and name.lower() not in known]

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.features.edits import Features, shape_of
-from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer, on_grid
+from sketchterrain.features.edits import Features
+from sketchterrain.features.table import AREA, LINE, POINT, Feature, VectorLayer, on_grid
 from sketchterrain.geometry.splines import cubics
 
 if TYPE_CHECKING:  # it takes a quarter of a second
@@ -89,13 +89,13 @@ def _curves_of(layer: VectorLayer) -> Curves:
     return Curves(shapes, outlines_of(shapes), np.ascontiguousarray(shapely.bounds(shapes).T))
 
 
-def curve_of(feature: VectorFeature) -> BaseGeometry:
+def curve_of(feature: Feature) -> BaseGeometry:
     """Return a feature of the sketch's own layers as it is drawn."""
     import shapely
 
     if feature.kind == LINE and feature.properties.get("smooth") == 1:
         return shapely.LineString(_sampled(feature.rings[0], np.array([len(feature.rings[0])]))[0])
-    return shape_of(feature)
+    return feature.geometry
 
 
 def outlines_of(shapes: Shapes) -> Shapes:
@@ -123,7 +123,7 @@ def _sampled(vertices: Float64Array, lengths: Int64Array) -> tuple[Float64Array,
     return np.swapaxes(curves, 1, 2)[within], np.repeat(line, _PIECES)[within.ravel()]
 
 
-def outline_of(table: Features, feature: VectorFeature) -> BaseGeometry:
+def outline_of(table: Features, feature: Feature) -> BaseGeometry:
     """Return a feature's line or rings as they are drawn, with vertices in their order."""
     import shapely
 
@@ -134,7 +134,7 @@ def outline_of(table: Features, feature: VectorFeature) -> BaseGeometry:
 
 
 def nearest_place(
-    feature: VectorFeature, outline: BaseGeometry, x: float, y: float
+    feature: Feature, outline: BaseGeometry, x: float, y: float
 ) -> tuple[float, int, tuple[float, float]]:
     """Return the place on a line or border nearest to a position (m): distance, vertex before it, place."""
     import shapely
@@ -155,11 +155,11 @@ def nearest_place(
 class NearFeatures(Features, Protocol):
     """Features that are found by their place."""
 
-    def near(self, x: float, y: float, reach: float, /) -> Iterable[VectorFeature]:
+    def near(self, x: float, y: float, reach: float, /) -> Iterable[Feature]:
         """Return the features that may be within a distance (m) of a position."""
 
 
-def _near(table: VectorLayer | NearFeatures, x: float, y: float, reach: float) -> Iterable[VectorFeature]:
+def _near(table: VectorLayer | NearFeatures, x: float, y: float, reach: float) -> Iterable[Feature]:
     if not isinstance(table, VectorLayer):
         return table.near(x, y, reach)
     rows, distance, _ = curves_of(table).near(x, y, reach)

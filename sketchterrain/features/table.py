@@ -19,6 +19,9 @@ from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.schema.parameters import Parameter, Properties, Value, parameter_table
 
+if TYPE_CHECKING:  # it takes a quarter of a second
+    from shapely.geometry.base import BaseGeometry
+
 POINT, LINE, AREA = range(3)
 KINDS: Final = ("point", "line", "area")
 
@@ -30,6 +33,7 @@ MAX_COORDINATE = 1e7  # m from the sketch's south-west corner
 _MAX_ID = (1 << 31) - 1
 _MAX_COLUMNS, _MAX_NAME = 60, 60
 _RESERVED = ("id", "label")
+_FEATURE_BYTES = 64  # of the objects of a feature
 _WHOLE: Final = {
     "rings": np.int64,
     "parts": np.int64,
@@ -148,16 +152,63 @@ def starts(counts: npt.ArrayLike) -> Int64Array:
 
 
 @dataclass(frozen=True, eq=False)
-class VectorFeature:
-    """A point, line or area of a vector layer."""
+class Feature:
+    """A feature of a table: points, lines or areas, in the sketch's layers single ones."""
 
     kind: int  # POINT, LINE or AREA
-    # (n, 2) each, m: one of a point or a line; an area's border and holes, whose first vertex is not repeated
+    # (n, 2) each, m: points, lines, borders and holes, whose first vertex is not repeated
     rings: tuple[Float64Array, ...]
     label: int = 1
     properties: Properties = field(default_factory=dict)  # those that differ from the label's, and others
     id: int = 0  # 0: the next free one
-    parts: tuple[int, ...] = (0,)  # the number of each part's first ring; in the sketch's layers one part
+    parts: tuple[int, ...] = (0,)  # the number of each part's first ring: of an area its border
+
+    @classmethod
+    def from_geometry(cls, geometry: BaseGeometry, properties: Properties, name: int = 0) -> Feature:
+        """Return a feature of shapely points, lines or areas, single or several."""
+        import shapely
+
+        kind = int(shapely.get_dimensions(geometry))
+        single = shapely.get_parts(geometry)
+        single = single[shapely.get_dimensions(single) == kind]
+        parts = [list(shapely.get_rings(each)) if kind == AREA else [each] for each in single]
+        end = -1 if kind == AREA else None
+        rings = tuple(shapely.get_coordinates(ring)[:end] for part in parts for ring in part)
+        return cls(kind, rings, 1, properties, name, tuple(starts(list(map(len, parts)))[:-1].tolist()))
+
+    @property
+    def geometry(self) -> BaseGeometry:
+        """Its shapely points, lines or areas."""
+        import shapely
+
+        parts = [self.rings[first:end] for first, end in pairwise((*self.parts, len(self.rings)))]
+        if self.kind == AREA:
+            shapes = [shapely.Polygon(border, holes) for border, *holes in parts]
+            return shapes[0] if len(shapes) == 1 else shapely.MultiPolygon(shapes)
+        if self.kind == LINE:
+            return (
+                shapely.LineString(self.rings[0]) if len(parts) == 1 else shapely.MultiLineString(self.rings)
+            )
+        places = np.concatenate(self.rings)
+        return shapely.Point(places[0]) if len(parts) == 1 else shapely.MultiPoint(places)
+
+    @property
+    def nbytes(self) -> int:
+        """Approximate memory."""
+        values = sum(len(name) + len(str(value)) for name, value in self.properties.items())
+        return _FEATURE_BYTES + values + sum(ring.nbytes for ring in self.rings)
+
+    # By hand: messages to other processes contain values of eq=False only once.
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Feature) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash((self.id, self.kind, self.parts, self.rings[0].tobytes()))
+
+    @property
+    def _content(self) -> tuple[object, ...]:
+        rings = [(len(ring), ring.tobytes()) for ring in self.rings]
+        return self.kind, self.label, self.id, self.parts, self.properties, rings
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,19 +401,19 @@ class VectorLayer:
         number, index = self._find(name)
         return int(self._firsts[number, 0]) + index
 
-    def feature(self, name: int) -> VectorFeature:
+    def feature(self, name: int) -> Feature:
         """Return a feature by its id; raise KeyError for an unknown one."""
         number, index = self._find(name)
         piece = self.pieces[number]
         rings = tuple(piece.ring(each) for each in range(*piece.parts[index : index + 2]))
         (properties,) = piece.properties([index])
-        return VectorFeature(int(piece.kinds[index]), rings, int(piece.labels[index]), properties, name)
+        return Feature(int(piece.kinds[index]), rings, int(piece.labels[index]), properties, name)
 
-    def features_at(self, x: float, y: float) -> Iterator[VectorFeature]:
+    def features_at(self, x: float, y: float) -> Iterator[Feature]:
         """Yield the features with a vertex at a position (m): those of one node."""
         return self.features_among(np.array([(x, y)]))
 
-    def features_among(self, places: Float64Array) -> Iterator[VectorFeature]:
+    def features_among(self, places: Float64Array) -> Iterator[Feature]:
         """Yield the features with a vertex at positions (n, 2), m."""
         places = on_grid(places)
         for piece in self.pieces_near(*places.min(axis=0).tolist(), *places.max(axis=0).tolist()):
@@ -395,9 +446,7 @@ class VectorLayer:
                     row[name] = value
         return rows
 
-    def edited(
-        self, remove: Collection[int] = (), add: Sequence[VectorFeature] | VectorLayer = ()
-    ) -> VectorLayer:
+    def edited(self, remove: Collection[int] = (), add: Sequence[Feature] | VectorLayer = ()) -> VectorLayer:
         """Return the layer without some features, by id, and with others, in their places or appended.
 
         A new feature of id 0 gets the next free one. Raise InputError for invalid features.
@@ -439,7 +488,7 @@ class VectorLayer:
         """The id of the next new feature."""
         return 1 + int(self._reach[:, 1].max(initial=0))
 
-    def _layer_of(self, features: Sequence[VectorFeature]) -> VectorLayer:
+    def _layer_of(self, features: Sequence[Feature]) -> VectorLayer:
         """Return new features as a layer, with the next free ids."""
         free = self.next_id
         own = [ring for each in features for ring in each.rings]

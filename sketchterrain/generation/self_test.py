@@ -19,7 +19,7 @@ from sketchterrain.compute.device import Device, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io import resources
@@ -118,7 +118,7 @@ def probe_terrain() -> Sketch:
     vectors: dict[str, VectorLayer] = {}
     for name, kind, places, own in _DRAWN:
         layer = vectors.get(name, VectorLayer(name))
-        vectors[name] = layer.edited(add=[VectorFeature(kind, (np.array(places),), 1, own)])
+        vectors[name] = layer.edited(add=[Feature(kind, (np.array(places),), 1, own)])
     return Sketch(name="self-test", extent=_EXTENT, seed=1, layers=layers, vectors=vectors)
 
 

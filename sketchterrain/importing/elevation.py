@@ -25,7 +25,7 @@ from sketchterrain.elevation.raster_reader import PLAIN, SUFFIXES
 from sketchterrain.elevation.waters import flat_waters, water_findings
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.features.files import reproject
-from sketchterrain.features.table import AREA, VectorFeature, on_grid
+from sketchterrain.features.table import AREA, Feature, on_grid
 from sketchterrain.importing.vector_files import metric_crs_at, to_longitude_latitude
 from sketchterrain.io.crs import crs_text, parse_crs, parse_metric_crs
 from sketchterrain.schema.parameters import GROUND, SKETCH
@@ -122,7 +122,7 @@ def with_lakes(sketch: Sketch) -> tuple[Sketch, tuple[str, ...]]:
     waters = [each for grid in held_grids(sketch) for each in flat_waters(grid)]
     outlines = [tuple(map(on_grid, each.rings)) for each in waters if not each.is_river]
     new = [
-        VectorFeature(AREA, rings, 1)
+        Feature(AREA, rings, 1)
         for rings in outlines
         if tuple(rings[0][0]) not in known and ((rings[0] >= 0.0) & (rings[0] <= sketch.size)).all()
     ]

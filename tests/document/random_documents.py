@@ -4,9 +4,8 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-import shapely
 
-from sketchterrain.document.drapes import DrapedLayer, FeatureEdit
+from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.rasters import RASTER, RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.features.table import (
@@ -14,7 +13,7 @@ from sketchterrain.features.table import (
     KINDS,
     LINE,
     POINT,
-    VectorFeature,
+    Feature,
     VectorLayer,
     vector_parameters,
 )
@@ -70,10 +69,11 @@ def _raster(rng: Rng, own_folder: Path) -> RasterSource:
 
 def _drape(rng: Rng, own_folder: Path) -> DrapedLayer:
     edits = [
-        FeatureEdit(
-            int(rng.integers(1 << 40)),
-            shapely.to_wkb(shapely.LineString(rng.normal(0, 1e4, (int(rng.integers(2, 9)), 2)))),
-            ((_text(rng, _LETTERS + _CONTROLS, least=1), float(rng.normal())), ("text", _text(rng))),
+        Feature(
+            LINE,
+            (rng.normal(0, 1e4, (int(rng.integers(2, 9)), 2)),),
+            properties={_text(rng, _LETTERS + _CONTROLS, least=1): float(rng.normal()), "text": _text(rng)},
+            id=int(rng.integers(1 << 40)),
         )
         for _ in range(int(rng.integers(4)))
     ]
@@ -117,7 +117,7 @@ def random_vectors(rng: Rng, name: str) -> VectorLayer:
                 }[kind]
         kind = int(rng.choice(kinds))
         label = int(rng.choice([1, 2, 255]))
-        features.append(VectorFeature(kind, _rings(rng, kind), label, values, int(ids[number])))
+        features.append(Feature(kind, _rings(rng, kind), label, values, int(ids[number])))
     return VectorLayer(name).edited(add=features)
 
 

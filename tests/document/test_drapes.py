@@ -14,8 +14,8 @@ from sketchterrain.document.drapes import (
     STYLE,
     DrapeClass,
     DrapedLayer,
-    FeatureEdit,
     drape_problem,
+    draped_feature,
     draped_layer,
     encode_edits,
     with_edits,
@@ -41,21 +41,19 @@ from sketchterrain.ui.engine import channel
 from .conftest import refusal, same
 from .random_documents import random_document
 
-LINE = shapely.to_wkb(shapely.LineString([(0.1, 1 / 3), (1e-9, -2.5e6), (4, 5), (6, 7)]))
-EDITS = (
-    FeatureEdit(
-        7, LINE, (("name", 'dotted "ways"' + "." * 400 + "\n"), ("a.b", 3), ("length", 0.1), ("x", None))
+LINE = shapely.LineString([(0.1, 1 / 3), (1e-9, -2.5e6), (4, 5), (6, 7)])
+EDITS = {
+    7: draped_feature(
+        LINE, {"name": 'dotted "ways"' + "." * 400 + "\n", "a.b": 3, "length": 0.1, "x": None}, 7
     ),
-    FeatureEdit(2),
-    FeatureEdit(1 << 40, shapely.to_wkb(shapely.box(0, 0, 9, 9))),
-)
+    2: None,
+    1 << 40: draped_feature(shapely.box(0, 0, 9, 9), {}, 1 << 40),
+}
 
 
 def layer(path: str = "/maps/trails.gpkg", **changes) -> DrapedLayer:
     classes = (DrapeClass("black", {"width": 4.0, "colour": "#000000"}), DrapeClass("", {"dash": "6 3"}))
-    return DrapedLayer(
-        path, {"by": "kind"}, {"width": 3}, classes, {each.id: each for each in EDITS}
-    ).replace(**changes)
+    return DrapedLayer(path, {"by": "kind"}, {"width": 3}, classes, EDITS).replace(**changes)
 
 
 @pytest.mark.parametrize(
@@ -81,12 +79,12 @@ def layer(path: str = "/maps/trails.gpkg", **changes) -> DrapedLayer:
         ('path = "a"\n[[drape.edit]]\nid = 1\nwkt = "POINT (0 0)"', "unknown key 'wkt'"),
         ('path = "a"\n[[drape.edit]]\nid = 1\ndeleted = true\nproperties = 3', "expected a table"),
         (
-            'path = "a"\n[[drape.edit]]\nid = 1\ndeleted = true\nproperties.x = [1]',
+            'path = "a"\n[[drape.edit]]\nid = 1\ngeometry = "POINT (0 0)"\nproperties.x = [1]',
             "expected a number or text",
         ),
         (
             'path = "a"\n' + 2 * "[[drape.edit]]\nid = 1\ndeleted = true\n",
-            "two [[drape.edit]] have the same id",
+            "two edits of feature 1: expected one",
         ),
         (64 * 'path = "a"\n[[drape]]\n' + 'path = "a"', "65 draped layers: expected at most 64"),
     ],
@@ -108,8 +106,8 @@ def test_layers_are_written_and_read_without_a_difference():
     # Written by hand.
     inline = 'format = 2\n[[drape]]\npath = "a"\n[[drape.edit]]\nid = 1\ngeometry = "POINT (1 2)"\n'
     (read,) = parse_settings(f'{inline}properties = {{name = "x", n = 2}}'.encode()).drapes
-    assert read.edits[1].properties == (("name", "x"), ("n", 2))
-    assert shapely.from_wkb(read.edits[1].geometry) == shapely.Point(1, 2)
+    assert read.edits[1].properties == {"name": "x", "n": 2}
+    assert read.edits[1].geometry == shapely.Point(1, 2)
 
 
 def former_settings(sketch: Sketch, version: int) -> bytes:
@@ -118,13 +116,12 @@ def former_settings(sketch: Sketch, version: int) -> bytes:
     for each in sketch.drapes:
         text = settings_text(Sketch(drapes=(each,)))
         lines.append(text[text.index("[[drape]]") :])
-        for edit in each.edits.values():
-            wkt = shapely.to_wkt(shapely.from_wkb(edit.geometry or None), rounding_precision=-1)
-            lines += ["[[drape.edit]]", f"id = {edit.id}"]
-            lines.append(f"geometry = '{wkt}'" if edit.geometry else "deleted = true")
-            lines += [
-                f"properties.{_toml_value(name)} = {_toml_value(value)}" for name, value in edit.properties
-            ]
+        for number, edit in each.edits.items():
+            wkt = "" if edit is None else shapely.to_wkt(edit.geometry, rounding_precision=-1)
+            lines += ["[[drape.edit]]", f"id = {number}"]
+            lines.append("deleted = true" if edit is None else f"geometry = '{wkt}'")
+            for name, value in () if edit is None else edit.properties.items():
+                lines.append(f"properties.{_toml_value(name)} = {_toml_value(value)}")
     return "\n".join(lines).encode()
 
 
@@ -167,29 +164,24 @@ def test_files_of_edits_that_do_not_fit_are_refused_in_one_line(tmp_path):
 
 def _edits(ids, properties):
     columns = {"drape": np.ones(len(ids), int), "id": np.array(ids), "properties": tuple(properties)}
-    return encode_table("drapes", np.full(len(ids), None), columns)
+    return encode_table("drapes", np.full(len(ids), shapely.Point(1, 2)), columns)
 
 
 def test_edits_have_plain_geometries_and_scale_with_the_sketch():
-    high = shapely.to_wkb(shapely.Point(1, 2, 3), byte_order=0, include_srid=True)
-    assert FeatureEdit(1, high).geometry == shapely.to_wkb(shapely.Point(1, 2), byte_order=1)
-    for bad in (
-        b"\0",
-        shapely.to_wkb(shapely.GeometryCollection()),
-        shapely.to_wkb(shapely.Point(0, np.nan)),
-    ):
+    assert draped_feature(shapely.Point(1, 2, 3), {}, 1).geometry == shapely.Point(1, 2)
+    for bad in (shapely.GeometryCollection(), shapely.Point(0, np.nan)):
         with pytest.raises(InputError, match=r"drape\.edit\.geometry"):
-            FeatureEdit(1, bad)
+            draped_feature(bad, {}, 1)
     twice = Sketch(drapes=(layer(),), extent=100.0).replace(extent=200.0).drapes[0]
-    assert shapely.get_coordinates(shapely.from_wkb(twice.edits[7].geometry))[3].tolist() == [12.0, 14.0]
-    assert twice.edits[2] == EDITS[1]
+    assert twice.edits[7].rings[0][3].tolist() == [12.0, 14.0]
+    assert twice.edits[2] is None
 
 
 def test_edits_are_limited_so_that_the_sketch_can_be_loaded(tmp_path, monkeypatch):
     share = 40
     monkeypatch.setattr(drapes, "MAX_EDIT_BYTES", drapes.MAX_EDIT_BYTES // share)
     vertices = np.random.default_rng(1).uniform(-1e6, 1e6, (drapes.MAX_EDIT_BYTES // 16 - 99, 2))
-    longest = FeatureEdit(1, shapely.to_wkb(shapely.LineString(vertices)))
+    longest = draped_feature(shapely.LineString(vertices), {}, 1)
     sketch = Sketch(drapes=(DrapedLayer("/a", edits={1: longest}),))
     save_sketch(sketch, tmp_path / "valley")
     assert share * (tmp_path / "valley/drapes.fgb").stat().st_size < MAX_FILE_BYTES
@@ -228,10 +220,10 @@ def test_a_missing_or_changed_file_is_named_and_its_path_is_relative_in_the_sket
 
 
 def test_a_step_of_the_history_holds_only_the_edited_feature():
-    many = {number: replace(EDITS[0], id=number) for number in range(500)}
+    many = {number: replace(EDITS[7], id=number) for number in range(500)}
     history = History(Sketch(drapes=(layer(), DrapedLayer("/b", edits=many))))
     before = history.bytes
-    moved = FeatureEdit(3, LINE, (("name", "moved"),))
+    moved = draped_feature(LINE, {"name": "moved"}, 3)
     (first, second) = history.sketch.drapes
     sketch = history.sketch.replace(drapes=(first, second.replace(edits={**second.edits, 3: moved})))
     history.record("Move", sketch)

@@ -15,7 +15,7 @@ from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.features.table import KINDS, VectorFeature, VectorLayer
+from sketchterrain.features.table import KINDS, Feature, VectorLayer
 from sketchterrain.io.resources import preset, preset_names
 from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 
@@ -279,7 +279,7 @@ def numbered_sketch(label):
     """Return a sketch whose files all depend on a number; each has other vectors than the one before."""
     image = np.full((20, 30), label, dtype=np.uint8)
     name = VECTOR_LAYERS[label % 2]
-    feature = VectorFeature(KINDS.index(LAYERS[name].vectors[-1]), (_TRIANGLE * label,))
+    feature = Feature(KINDS.index(LAYERS[name].vectors[-1]), (_TRIANGLE * label,))
     content = bytes([label])
     return Sketch(
         seed=label,

@@ -5,15 +5,15 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits as edits
-from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 
 
 def line(*points, **properties):
-    return VectorFeature(LINE, (np.array(points, float),), 1, properties)
+    return Feature(LINE, (np.array(points, float),), 1, properties)
 
 
 def area(*rings):
-    return VectorFeature(AREA, tuple(np.array(ring, float) for ring in rings))
+    return Feature(AREA, tuple(np.array(ring, float) for ring in rings))
 
 
 def places(layer, name, ring=0):

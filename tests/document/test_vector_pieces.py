@@ -12,7 +12,7 @@ from sketchterrain.document.history import History
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits as edits
-from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, VectorLayer
 from sketchterrain.landuse.areas import land_use
 
 from .random_documents import content_of
@@ -69,7 +69,7 @@ def random_edit(rng: np.random.Generator, layer: VectorLayer) -> VectorLayer:
             return layer.edited(remove=[name])
         case _:
             ring = np.array([[-60.0, 0.0], [-10.0, 0.0], [-30.0, 40.0]]) - rng.integers(1000)
-            return layer.edited(add=[VectorFeature(AREA, (ring,), 2, {"use": "forest"})])
+            return layer.edited(add=[Feature(AREA, (ring,), 2, {"use": "forest"})])
 
 
 def test_random_edits_equal_fresh_layers(fields):
@@ -96,7 +96,7 @@ def test_edits_keep_places_and_the_rest_of_the_layer(fields):
     layer = fields.edited(names, [fields.feature(700)])
     assert layer.ids.tolist() == [each for each in fields.ids.tolist() if each not in (names[0], names[2])]
     assert layer.columns["lot"].dtype == np.int64
-    whole = fields.edited(add=[VectorFeature(AREA, (fields.ring(0) - 200.0,), 1, {"lot": 0.5})])
+    whole = fields.edited(add=[Feature(AREA, (fields.ring(0) - 200.0,), 1, {"lot": 0.5})])
     assert (whole.columns["lot"][:-1] == fields.columns["lot"]).all()
     assert (whole.columns["lot"][-1], whole.columns["use"][-1]) == (0.5, "")
     assert whole.ids[-1] == SIDE * SIDE + 1
@@ -106,9 +106,9 @@ def test_edits_keep_places_and_the_rest_of_the_layer(fields):
 def test_edits_refuse_what_a_layer_refuses(fields):
     bow_tie = np.array([[0.0, 0.0], [9.0, 9.0], [9.0, 0.0], [0.0, 9.0]])
     with pytest.raises(InputError, match="landuse feature 1601: expected an area that does not touch itself"):
-        fields.edited(add=[VectorFeature(AREA, (bow_tie,))])
+        fields.edited(add=[Feature(AREA, (bow_tie,))])
     with pytest.raises(InputError, match="id 40: expected unique ids"):
-        fields.edited(add=[VectorFeature(AREA, (fields.ring(0),), id=40)])
+        fields.edited(add=[Feature(AREA, (fields.ring(0),), id=40)])
     with pytest.raises(InputError, match="crop = 'hops': expected"):
         edits.set_value(fields, 5, "crop", "hops")
     corner = tuple(fields.ring(SIDE + 1)[0].tolist())

@@ -11,7 +11,7 @@ import shapely
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.files import decode_vectors, encode_vectors
-from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, POINT, Feature, VectorLayer
 from sketchterrain.landuse.areas import land_use
 
 FRAME = Sketch(frame={"crs": "EPSG:25832"}).frame
@@ -40,7 +40,7 @@ def with_vertex(x, y):
 
 
 def area(*rings) -> VectorLayer:
-    features = [VectorFeature(AREA, tuple(np.array(ring, float) for ring in rings))]
+    features = [Feature(AREA, tuple(np.array(ring, float) for ring in rings))]
     return VectorLayer("lake").edited(add=features)
 
 
@@ -259,7 +259,7 @@ def test_areas_of_land_use_that_nobody_should_draw():
     }
     for reason, cases in refused.items():
         for rings in cases:
-            feature = VectorFeature(AREA, tuple(np.array(ring, float) for ring in rings))
+            feature = Feature(AREA, tuple(np.array(ring, float) for ring in rings))
             with pytest.raises(InputError, match=f"landuse feature 1: expected an area .*{reason}"):
                 VectorLayer("landuse").edited(add=[feature])
     allowed = (
@@ -268,7 +268,7 @@ def test_areas_of_land_use_that_nobody_should_draw():
         [square],
         [square],  # once more
     )
-    features = [VectorFeature(AREA, tuple(np.array(ring, float) for ring in rings)) for rings in allowed]
+    features = [Feature(AREA, tuple(np.array(ring, float) for ring in rings)) for rings in allowed]
     layer = VectorLayer("landuse").edited(add=features)
     areas = land_use(Sketch(vectors={"landuse": layer}))
     x, y, to_x, to_y = areas.edges.T

@@ -10,7 +10,6 @@ import shapely
 from sketchterrain.benchmarks.draped_data import random_lines, write_layer
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.drape.feature_edits import DrapedFeatures
 from sketchterrain.features.edits import with_places
 from sketchterrain.generation.building import rebuild
 from sketchterrain.render.camera import Camera
@@ -80,9 +79,10 @@ def test_a_feature_that_moves_while_tiles_are_loaded_ends_where_it_is(drapes, st
     room = studio(terrain, drapes)
     shown, held = drapes, (0, 0)
     for step in range(12):
-        table = DrapedFeatures.from_drapes(shown, 0)
+        table = shown.table(0)
         moved = table.feature(0).rings[0] + np.array([4.0, -2.5])
-        shown = shown.updated([with_places(table, 0, moved).layer])
+        edited = shown.layers[0].replace(edits=with_places(table, 0, moved).edits)
+        shown = shown.updated([edited])
         room.renderer.set_drapes(shown, held if step < 8 else None)
         room.renderer.frame(CAMERA, room.framebuffer, elapsed=0.05, budget=0.004)
     after = room.still()

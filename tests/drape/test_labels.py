@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from sketchterrain.document.drapes import DrapeClass, DrapedLayer, FeatureEdit
+from sketchterrain.document.drapes import DrapeClass, DrapedLayer, draped_feature
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape import label_layout
 from sketchterrain.drape.label_layout import (
@@ -43,7 +43,7 @@ class Drapes:
     def __init__(self, layers, features):
         self.layers, self.reads, self._features = tuple(layers), 0, []
         for layer, own in zip(self.layers, features, strict=True):
-            edited = {k: (shapely.from_wkb(e.geometry), dict(e.properties)) for k, e in layer.edits.items()}
+            edited = {name: (each.geometry, each.properties) for name, each in layer.edits.items()}
             self._features.append(dict(sorted({**own, **edited}.items())))
 
     def features(self, layer, box):
@@ -53,9 +53,10 @@ class Drapes:
         )
         return ids[shapely.intersects(shapely.box(*box), shapes)]
 
-    def feature(self, layer, name):
+    def table(self, layer):
         self.reads += 1
-        return (name, *self._features[layer][name])
+        geometry, properties = ({k: e[n] for k, e in self._features[layer].items()} for n in (0, 1))
+        return SimpleNamespace(geometry=geometry.get, properties=properties.get)
 
 
 def drapes_of(features, **style):
@@ -182,7 +183,7 @@ def test_layers_classes_and_edits_decide_what_is_labelled():
     assert found.anchors["size"][3].tolist() == list(text_size("Long", 20.0))
     # Colours and another feature's edit read nothing again; the edited feature is read.
     reads = drapes.reads
-    edit = FeatureEdit(0, shapely.to_wkb(shapely.Point(11, 10)), (("name", "New"),))
+    edit = draped_feature(shapely.Point(11, 10), {"name": "New"}, 0)
     layers = [layer.replace(label_colour="#ff0000", edits={0: edit}), bare, layer]
     edited = Drapes(layers, [features] * 3)
     found.set_drapes(edited)

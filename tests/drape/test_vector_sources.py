@@ -9,7 +9,7 @@ import pyogrio
 import pytest
 import shapely
 
-from sketchterrain.document.drapes import DrapeClass, DrapedLayer, FeatureEdit
+from sketchterrain.document.drapes import DrapeClass, DrapedLayer, draped_feature
 from sketchterrain.drape.drapes import BUDGET, Drapes, Pick
 from sketchterrain.drape.vector_store import open_store
 from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
@@ -113,9 +113,9 @@ def test_features_come_back_as_they_were_in_each_format(tmp_path) -> None:
         assert drapes.problems == ()
         assert drapes.sources[0].store.left_out == 0
         for number, shape in enumerate(shapes):
-            feature = drapes.feature(0, number)
-            assert shapely.equals_exact(feature.geometry, shape, 1e-6), (suffix, number)
-            assert feature.properties == {"name": names[number], "size": number / 2, "count": number}
+            table, values = drapes.table(0), {"name": names[number], "size": number / 2, "count": number}
+            assert shapely.equals_exact(table.geometry(number), shape, 1e-6), (suffix, number)
+            assert table.properties(number) == values
         assert drapes.features(0, ALL).tolist() == list(range(31))
 
 
@@ -129,7 +129,7 @@ def _to_degrees(points):
 def test_items_are_in_drawing_order_with_fills_first(tmp_path) -> None:
     low = write(tmp_path / "low.fgb", random_shapes(60))
     high = write(tmp_path / "high.fgb", random_shapes(60, seed=1))
-    edit = FeatureEdit(4, shapely.to_wkb(shapely.box(10, 10, 90, 90)))
+    edit = draped_feature(shapely.box(10, 10, 90, 90), {}, 4)
     items = opened(layer(low, edits={4: edit}), high).items((0, 0, EXTENT, EXTENT), 1.0)
     rank = np.array([1, 0, 2])[items.kind]
     keys = list(zip(items.layer.tolist(), items.feature.tolist(), rank.tolist(), strict=True))
@@ -314,7 +314,7 @@ def test_hostile_geometries_are_drawn_or_left_out(tmp_path) -> None:
 def test_degrees_are_longitude_first_and_cross_the_antimeridian(tmp_path) -> None:
     for suffix in (".gpkg", ".geojson", ".fgb"):
         path = write_as_is(tmp_path / f"point{suffix}", [shapely.Point(3.0, 42.4545)], crs="EPSG:4326")
-        x, y = opened(path).feature(0, 0).geometry.coords[0]
+        x, y = opened(path).table(0).feature(0).geometry.coords[0]
         assert x == pytest.approx(0.0, abs=1e-6)
         assert 0.0 < y < EXTENT
     lines = [
@@ -323,7 +323,7 @@ def test_degrees_are_longitude_first_and_cross_the_antimeridian(tmp_path) -> Non
     ]
     path = write_as_is(tmp_path / "fiji.gpkg", lines, crs="EPSG:4326")
     frame = {"crs": "EPSG:32760", "east": 800_000.0, "north": 8_110_000.0}
-    first, second = (opened(path, frame=frame, extent=20_000.0).feature(0, k).geometry for k in (0, 1))
+    first, second = (opened(path, frame=frame, extent=20_000.0).table(0).feature(k).geometry for k in (0, 1))
     assert first.length == pytest.approx(21_300, rel=0.01)
     assert shapely.equals_exact(first, second, 1e-3)
     # Vertices on the other side of the Earth have no place in UTM: areas around the sketch remain.
@@ -335,9 +335,9 @@ def test_degrees_are_longitude_first_and_cross_the_antimeridian(tmp_path) -> Non
 
 def test_coordinates_without_a_crs_are_those_of_the_frame_or_the_layers(tmp_path) -> None:
     path = write(tmp_path / "own.gpkg", [shapely.Point(10, 20)], crs=None)
-    assert opened(path).feature(0, 0).geometry.coords[0] == (10.0, 20.0)
+    assert opened(path).table(0).feature(0).geometry.coords[0] == (10.0, 20.0)
     degrees = write_as_is(tmp_path / "degrees.gpkg", [shapely.Point(3.0, 42.4545)], crs=None)
-    found = opened(layer(degrees, crs="EPSG:4326")).feature(0, 0).geometry
+    found = opened(layer(degrees, crs="EPSG:4326")).table(0).feature(0).geometry
     assert found.x == pytest.approx(0.0, abs=1e-6)
     local = {"crs": "", "east": 0.0, "north": 0.0}
     path = write(tmp_path / "metric.fgb", [shapely.Point(10, 20)])
@@ -411,7 +411,7 @@ def test_styles_follow_classes_and_visibility(tmp_path) -> None:
     assert items.feature.tolist() == [1, 2, 3]  # paths have no colour
     widths = [drapes.styles[row].style["width"] for row in items.style]
     assert widths == [8.0, 1.0, 8.0]
-    edit = FeatureEdit(1, shapely.to_wkb(shapely.LineString([(0, 10), (100, 10)])), (("kind", "other"),))
+    edit = draped_feature(shapely.LineString([(0, 10), (100, 10)]), {"kind": "other"}, 1)
     edited = drapes.updated([one.replace(edits={1: edit})])
     assert [edited.styles[row].style["width"] for row in edited.items(ALL, 1.0).style] == [1.0, 1.0, 8.0]
     ranks = opened(
@@ -440,7 +440,7 @@ def test_changed_boxes_are_those_of_what_changed(tmp_path) -> None:
     assert not len(same.changed_boxes(drapes))
     assert same.sources == drapes.sources
     moved = shapely.transform(shapes[1], lambda at: at + 100.0)
-    edited = drapes.updated([one.replace(edits={1: FeatureEdit(1, shapely.to_wkb(moved))}), other])
+    edited = drapes.updated([one.replace(edits={1: draped_feature(moved, {}, 1)}), other])
     boxes = edited.changed_boxes(drapes)
     expected = np.array([moved.bounds, shapes[1].bounds]) + np.array([-2.0, -2.0, 2.0, 2.0])
     assert np.allclose(boxes, expected)
@@ -461,18 +461,18 @@ def test_edits_share_the_store_and_undo_is_bit_equal(tmp_path) -> None:
     one = layer(write(tmp_path / "map.gpkg", random_shapes(300)))
     drapes = opened(one)
     before = drapes.items(ALL, 0.5)
-    new = FeatureEdit(300, shapely.to_wkb(shapely.box(0, 0, 50, 50)), (("number", 7),))
-    edits = {4: FeatureEdit(4), 300: new}
+    new = draped_feature(shapely.box(0, 0, 50, 50), {"number": 7}, 300)
+    edits = {4: None, 300: new}
     edited = drapes.updated([one.replace(edits=edits)])
     found = edited.items(ALL, 0.5)
     assert 4 not in found.feature
     assert area_of(found, 300) == pytest.approx(2500.0)
     assert edited.sources[0].store is drapes.sources[0].store
-    assert edited.feature(0, 300).properties == {"number": 7}
+    assert edited.table(0).feature(300).properties == {"number": 7}
     assert edited.sources[0].next_id == 301
     assert edited.features(0, ALL).tolist() == [*range(4), *range(5, 301)]
     kept = edited.sources[0]._edited[300]
-    again = edited.updated([one.replace(edits={**edits, 5: FeatureEdit(5)})])
+    again = edited.updated([one.replace(edits={**edits, 5: None})])
     assert again.sources[0]._edited[300] is kept  # only the touched feature is rebuilt
     undone = again.updated([one])
     for old, now in zip(before, undone.items(ALL, 0.5), strict=True):
@@ -551,7 +551,7 @@ def test_occupied_boxes_are_those_with_features(tmp_path) -> None:
     found = drapes.occupied(boxes)
     assert found[touched].all()
     assert found.mean() < 0.5
-    edit = FeatureEdit(500, shapely.to_wkb(shapely.Point(910, 910)))
+    edit = draped_feature(shapely.Point(910, 910), {}, 500)
     far = np.array([[900.0, 900.0, 925.0, 925.0]])
     layers = [drapes.layers[0].replace(edits={500: edit})]
     assert not drapes.occupied(far)[0]

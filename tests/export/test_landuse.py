@@ -21,7 +21,7 @@ from sketchterrain.export.vectors import (
     land_shares,
     write_features,
 )
-from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, VectorLayer
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.schema.layers import LAND_USES
@@ -40,10 +40,10 @@ def ring(west, south, east, north):
 def sketch() -> Sketch:
     """Return a field with a meadow on it and a hole for a village, and a second field beside it."""
     areas = [
-        VectorFeature(AREA, (ring(0, 0, 50, 100), ring(30, 30, 40, 40)), 1, {"name": "A"}, 2),
-        VectorFeature(AREA, (ring(10, 10, 20, 20),), 2, {}, 7),
-        VectorFeature(AREA, (ring(50, 0, 100, 100),), 1, {"crop": "maize", "direction": 45.0}, 1),
-        VectorFeature(AREA, (ring(30, 30, 40, 40),), 1, {"use": "built_up"}, 3),
+        Feature(AREA, (ring(0, 0, 50, 100), ring(30, 30, 40, 40)), 1, {"name": "A"}, 2),
+        Feature(AREA, (ring(10, 10, 20, 20),), 2, {}, 7),
+        Feature(AREA, (ring(50, 0, 100, 100),), 1, {"crop": "maize", "direction": 45.0}, 1),
+        Feature(AREA, (ring(30, 30, 40, 40),), 1, {"use": "built_up"}, 3),
     ]
     return Sketch(
         extent=EXTENT,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import AREA, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, VectorLayer
 from sketchterrain.landuse.areas import LandUse, land_use
 from sketchterrain.schema.layers import CROPS
 
@@ -19,7 +19,7 @@ def sketch_of(layer: VectorLayer) -> Sketch:
 def row_of_fields(count: int, **own) -> VectorLayer:
     """Return squares of 10 m in a row, ids from 1 on."""
     square = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
-    every = [VectorFeature(AREA, (square + np.array([10.0 * k, 0.0]),), 1, dict(own)) for k in range(count)]
+    every = [Feature(AREA, (square + np.array([10.0 * k, 0.0]),), 1, dict(own)) for k in range(count)]
     return VectorLayer("landuse").edited(add=every)
 
 
@@ -80,7 +80,7 @@ def test_automatic_crops_are_mixed_and_others_stay() -> None:
 
 def test_rows_follow_contours_or_the_longest_side() -> None:
     long = [(0.0, 0.0), (200.0, 100.0), (180.0, 140.0), (-20.0, 40.0)]
-    layer = VectorLayer("landuse").edited(add=[VectorFeature(AREA, (np.array(long),))])
+    layer = VectorLayer("landuse").edited(add=[Feature(AREA, (np.array(long),))])
     areas, one = land_use(sketch_of(layer)), np.zeros(1, np.int64)
 
     def slope(east: float, north: float):

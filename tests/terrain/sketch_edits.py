@@ -13,7 +13,7 @@ from sketchterrain.document.edits import Edit
 from sketchterrain.document.material_rules import DEFAULT_RULES, Factor, RuleChange
 from sketchterrain.document.sketch import TABLES, LabelImage, Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.generation.terrain import TerrainFeatures
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, lock_edit, move_edit
 from sketchterrain.schema.layers import DENSITY, LAYERS, PAINTED_LAYERS, POINT_LAYERS, VECTOR_LAYERS
@@ -251,7 +251,7 @@ def _draw(name: str) -> Change:
     return draw
 
 
-def _random_line(rng: Rng, layer: VectorLayer, sketch: Sketch) -> VectorFeature:
+def _random_line(rng: Rng, layer: VectorLayer, sketch: Sketch) -> Feature:
     steps = rng.normal(0, 0.08 * sketch.extent, (int(rng.integers(2, 8)), 2))
     path = rng.uniform(-0.05, 1.05, 2) * sketch.size + np.cumsum(steps, axis=0)
     if len(layer) and rng.random() < 0.5:
@@ -259,17 +259,17 @@ def _random_line(rng: Rng, layer: VectorLayer, sketch: Sketch) -> VectorFeature:
     flags = {key: 1 for key in ("smooth", "directed") if rng.random() < 0.5}
     widest = min(LAYERS[layer.layer].parameters["width"].high, 60.0)
     width = {"width": float(rng.uniform(2, widest))} if rng.random() < 0.5 else {}
-    return VectorFeature(LINE, (path,), int(rng.choice(_LABELS)), {**flags, **width})
+    return Feature(LINE, (path,), int(rng.choice(_LABELS)), {**flags, **width})
 
 
-def _random_area(rng: Rng, sketch: Sketch) -> VectorFeature:
+def _random_area(rng: Rng, sketch: Sketch) -> Feature:
     angle = np.linspace(0.0, 2.0 * np.pi, int(rng.integers(4, 12)))[:-1]
     radius = rng.uniform(0.02, 0.08) * sketch.extent * rng.uniform(0.5, 1.0, len(angle))
     ring = rng.uniform(0, 1, 2) * sketch.size + radius[:, None] * np.stack(
         [np.cos(angle), np.sin(angle)], axis=-1
     )
     depth = {"depth": float(rng.uniform(1, 30))} if rng.random() < 0.5 else {}
-    return VectorFeature(AREA, (ring,), int(rng.choice(_LABELS)), depth)
+    return Feature(AREA, (ring,), int(rng.choice(_LABELS)), depth)
 
 
 def _withdraw_edit(rng: Rng, state: State) -> Sketch:

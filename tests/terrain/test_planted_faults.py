@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry import differences as row_differences
@@ -441,11 +441,11 @@ def terrain(context) -> Terrain:
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     field, woods = tile + 2.0 + 34.0 * square, 0.1 * tile + 0.8 * tile * square
     features = {
-        "road": [VectorFeature(LINE, (way,), 1, {"structure": "ground", "grade": 1.0})],
-        "pad": [VectorFeature(AREA, (outline,), 1, {})],
+        "road": [Feature(LINE, (way,), 1, {"structure": "ground", "grade": 1.0})],
+        "pad": [Feature(AREA, (outline,), 1, {})],
         "landuse": [
-            VectorFeature(AREA, (woods,), 1, {"use": "forest", "direction": 30.0, "conifers": 0.5}),
-            VectorFeature(AREA, (field,), 1, {"crop": "maize", "direction": 30.0, "conifers": 0.5}),
+            Feature(AREA, (woods,), 1, {"use": "forest", "direction": 30.0, "conifers": 0.5}),
+            Feature(AREA, (field,), 1, {"crop": "maize", "direction": 30.0, "conifers": 0.5}),
         ],
     }
     sketch = sketch.replace(

@@ -6,7 +6,7 @@ import shapely
 
 import sketchterrain as st
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.landforms.hydrology.lakes import area_field
 from sketchterrain.landforms.hydrology.rivers import lay_out_water
@@ -20,13 +20,11 @@ from .conftest import tiers
 
 
 def line(*points, **properties):
-    return VectorFeature(LINE, (np.array(points, dtype=np.float64),), properties=properties)
+    return Feature(LINE, (np.array(points, dtype=np.float64),), properties=properties)
 
 
 def area(*rings, **properties):
-    return VectorFeature(
-        AREA, tuple(np.array(ring, dtype=np.float64) for ring in rings), properties=properties
-    )
+    return Feature(AREA, tuple(np.array(ring, dtype=np.float64) for ring in rings), properties=properties)
 
 
 DRY = {"aridity": 1.0}  # hardly any streams

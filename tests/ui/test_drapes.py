@@ -152,7 +152,7 @@ def drag(canvas, start, end):
 
 
 def shape(document, number):
-    return document.drapes.table(0).source.feature(number).geometry
+    return document.drapes.table(0).geometry(number)
 
 
 def near(places, expected):
@@ -240,7 +240,7 @@ def test_vertices_and_features_are_deleted_and_drawn(draped, blank, workspace):
     events.key(draped, Qt.Key.Key_Delete)
     assert workspace.selection is None
     assert 1 not in blank.drapes.table(0)
-    assert blank.sketch.drapes[0].edits[1].geometry == b""
+    assert blank.sketch.drapes[0].edits[1] is None
     places = [(100.0, 800.0), (200.0, 800.0), (200.0, 900.0)]
     for kind, count in (("point", 1), ("line", 3), ("area", 3)):
         workspace.drape_kind, workspace.selection = kind, Selection("drape", -1, layer=0)

@@ -8,7 +8,7 @@ from PyQt6.QtGui import QGuiApplication
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.picking import curves_of
-from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.models import features
@@ -24,7 +24,7 @@ SIDE = 128  # px of 10 m
 
 
 def line(*points, **properties):
-    return VectorFeature(LINE, (np.array(points, float),), 1, properties)
+    return Feature(LINE, (np.array(points, float),), 1, properties)
 
 
 @pytest.fixture
@@ -217,7 +217,7 @@ def test_dragging_a_node_moves_both_lines_in_one_step(canvas, rivers, workspace)
 
 def test_a_lake_follows_the_drag_of_its_vertex_where_it_is_possible(canvas, blank, workspace):
     corners = [(300, 300), (900, 300), (900, 900), (300, 900)]
-    lakes = VectorLayer("lake").edited(add=[VectorFeature(AREA, (np.array(corners, float),))])
+    lakes = VectorLayer("lake").edited(add=[Feature(AREA, (np.array(corners, float),))])
     blank.open(blank.sketch.replace(vectors={"lake": lakes}))
     workspace.tool, workspace.selection = "select", Selection("lake", 1)
     drag(canvas, (300, 300), (500, 350), (1000, 700))
@@ -288,7 +288,7 @@ def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(bl
     rivers = VectorLayer("river").edited(
         add=[line((100, 300), (300, 700), (500, 300), smooth=1), line((600, 100), (600, 800), width=80.0)]
     )
-    lakes = VectorLayer("lake").edited(add=[VectorFeature(AREA, (border, hole))])
+    lakes = VectorLayer("lake").edited(add=[Feature(AREA, (border, hole))])
     blank.open(blank.sketch.replace(vectors={"river": rivers, "lake": lakes}))
     ((x, y), *_) = [each for each in curves_of(rivers).shapes[0].coords if 345 < each[0] < 365]
     assert abs(y - (700 - 2 * (x - 300))) > 20.0  # off the chord

@@ -8,7 +8,7 @@ from PyQt6.QtCore import QEvent, QRectF, Qt
 from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
-from sketchterrain.features.table import LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import LINE, Feature, VectorLayer
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg
@@ -407,7 +407,7 @@ def test_ways_follow_the_drag_of_their_node_and_get_vertices_in_the_view(
 ):
     lines = {"road": [(800, 900), (1000, 1000), (1200, 900)], "path": [(1000, 1000), (1000, 1400)]}
     layers = {
-        name: VectorLayer(name).edited(add=[VectorFeature(LINE, (np.array(points, float),))])
+        name: VectorLayer(name).edited(add=[Feature(LINE, (np.array(points, float),))])
         for name, points in lines.items()
     }
     document.open(document.sketch.replace(vectors=layers), modified=True)
@@ -453,7 +453,7 @@ def test_what_is_drawn_under_a_pixel_is_picked_before_what_is_near(view, link, d
 
 def test_vertices_of_a_vector_are_dragged_in_one_step(view, link, document, workspace, placed):
     places = np.array([(800.0, 900.0), (1000.0, 1000.0), (1200.0, 900.0)])
-    lines = [VectorFeature(LINE, (part,)) for part in (places, places[[2, 0]] - (0.0, 300.0))]
+    lines = [Feature(LINE, (part,)) for part in (places, places[[2, 0]] - (0.0, 300.0))]
     document.open(
         document.sketch.replace(vectors={"river": VectorLayer("river").edited(add=lines)}), modified=True
     )

@@ -6,7 +6,7 @@ import pytest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.edits import set_value, shared_nodes
-from sketchterrain.features.table import AREA, LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.placer import place_of_finding
 from sketchterrain.ui.engine.protocol import Placement
@@ -97,7 +97,7 @@ def test_an_end_on_a_way_of_another_layer_is_a_junction(canvas, workspace, ways,
 
 
 def test_freehand_crossings_are_vertices_of_both_smooth_lines(ways):
-    bent = VectorFeature(
+    bent = Feature(
         LINE, (np.array([(250, 400), (400, 800), (800, 450), (950, 800)], float),), 1, {"smooth": 1}
     )
     road, rail, _ = features.with_feature(ways.sketch, "road", bent)

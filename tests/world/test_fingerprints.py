@@ -16,7 +16,7 @@ from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.table import LINE, VectorFeature, VectorLayer
+from sketchterrain.features.table import LINE, Feature, VectorLayer
 from sketchterrain.generation import stages
 from sketchterrain.generation.stages import fingerprint
 from sketchterrain.io import resources
@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def road(*points: tuple[float, float]) -> dict[str, VectorLayer]:
-    return {"road": VectorLayer("road").edited(add=[VectorFeature(LINE, (np.array(points),))])}
+    return {"road": VectorLayer("road").edited(add=[Feature(LINE, (np.array(points),))])}
 
 
 ROAD = road((10.0, 20.0), (300.0, 400.0))

@@ -19,7 +19,6 @@ from sketchterrain.ui.models.workspace import Selection, Workspace
 if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.drape.drapes import Drapes
-    from sketchterrain.drape.feature_edits import DrapedFeatures
     from sketchterrain.drape.raster_source import DrapedRaster
     from sketchterrain.drape.vector_source import VectorSource
     from sketchterrain.ui.models.document import Document  # which reads drapes
@@ -63,7 +62,7 @@ class DrapeSources(QObject):
         """Return the types of the properties in a layer's file; None unless it is a known vector file."""
         return getattr(self.source(number), "fields", None)
 
-    def table(self, number: int) -> DrapedFeatures | None:
+    def table(self, number: int) -> VectorSource | None:
         """Return the features of a vector layer; None until it is read."""
         return _table(self.current, number)
 
@@ -104,12 +103,10 @@ class DrapeSources(QObject):
         self.changed.emit()
 
 
-def _table(drapes: Drapes | None, number: int) -> DrapedFeatures | None:
+def _table(drapes: Drapes | None, number: int) -> VectorSource | None:
     """Return the features of a layer of drapes; None unless it is a known vector layer."""
-    from sketchterrain.drape.feature_edits import DrapedFeatures
-
     with suppress(InputError):
-        return None if drapes is None else DrapedFeatures.from_drapes(drapes, number)
+        return None if drapes is None else drapes.table(number)
     return None
 
 

@@ -24,7 +24,7 @@ from sketchterrain.features.picking import (
     outlines_of,
     snapped,
 )
-from sketchterrain.features.table import AREA, LINE, POINT, VectorFeature, VectorLayer, on_grid
+from sketchterrain.features.table import AREA, LINE, POINT, Feature, VectorLayer, on_grid
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.schema.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.schema.parameters import Value
@@ -36,9 +36,9 @@ from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from shapely.geometry.base import BaseGeometry
 
-    from sketchterrain.drape.feature_edits import DrapedFeatures
+    from sketchterrain.drape.vector_source import VectorSource
 
-Table: TypeAlias = "VectorLayer | DrapedFeatures"
+Table: TypeAlias = "VectorLayer | VectorSource"
 
 LEAST_WIDTH: Final = 1.5
 """Logical px of a line on the canvas."""
@@ -82,7 +82,7 @@ class SelectedFeature:
         return None if table is None or selection.id not in table else cls(sketch, table, selection)
 
     @cached_property
-    def feature(self) -> VectorFeature:
+    def feature(self) -> Feature:
         """Its vertices and properties."""
         return self.table.feature(self.selection.id)
 
@@ -99,7 +99,7 @@ class SelectedFeature:
     @cached_property
     def shape(self) -> BaseGeometry:
         """How it is drawn."""
-        return edits.shape_of(self.feature) if self.selection.is_draped else curve_of(self.feature)
+        return self.feature.geometry if self.selection.is_draped else curve_of(self.feature)
 
     def lines(self, *, step: float = 0.0) -> list[Float64Array]:
         """Return its lines and borders, (n, 2) m; a point twice.
@@ -243,9 +243,11 @@ def tables_near(document: Document, selection: Selection) -> Sequence[Table]:
 def with_tables(sketch: Sketch, selection: Selection, *tables: Table) -> Sketch:
     """Return the sketch with other layers in place of that of a feature, and of its network."""
     own = [each for each in tables if isinstance(each, VectorLayer)]
-    draped = (each.layer for each in tables if not isinstance(each, VectorLayer))
-    sketch = with_vectors(sketch, *own) if own else sketch
-    return next((drapes.with_layer(sketch, selection.layer, each) for each in draped), sketch)
+    draped = [each.edits for each in tables if not isinstance(each, VectorLayer)]
+    if draped:
+        layer = sketch.drapes[selection.layer].replace(edits=draped[0])
+        sketch = drapes.with_layer(sketch, selection.layer, layer)
+    return with_vectors(sketch, *own) if own else sketch
 
 
 def change_features(
@@ -349,7 +351,7 @@ def with_nodes(
     return layer
 
 
-def with_feature(sketch: Sketch, name: str, feature: VectorFeature) -> list[VectorLayer]:
+def with_feature(sketch: Sketch, name: str, feature: Feature) -> list[VectorLayer]:
     """Return the layers of a network, `name` first, with another feature, joined where it touches others.
 
     Roads, railways and paths are also joined where they cross at one level, areas where they touch.
@@ -484,7 +486,7 @@ def set_property(
     """
     table = own.table
     if not isinstance(table, VectorLayer) and value is not None and value != "":
-        convert, what = _NUMBERS.get(table.source.fields.get(name, ""), (str, ""))
+        convert, what = _NUMBERS.get(table.fields.get(name, ""), (str, ""))
         with suppress(ValueError):
             value, what = convert(str(value)), ""
         if what:
@@ -511,7 +513,7 @@ def draw(
         places = places[:-1]
     if len(places) < _LEAST[kind]:
         raise InputError(f"{title[:1].upper()}{title[1:]}: expected {_LEAST[kind]} points or more")
-    feature = VectorFeature(kind, (places,), label, {"smooth": 1} if smooth else {})
+    feature = Feature(kind, (places,), label, {"smooth": 1} if smooth else {})
     before: Sequence[Table] = tables_near(document, target)
     if target.is_draped:
         tables: Sequence[Table] = [table.edited(add=[feature]) for table in before]

@@ -10,11 +10,11 @@ import pytest
 import shapely
 
 from sketchterrain.document.drapes import draped_layer
-from sketchterrain.drape.feature_edits import DrapedFeatures, save_layer
+from sketchterrain.drape.saving import save_layer
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits
 from sketchterrain.features.picking import nearest_place, outline_of
-from sketchterrain.features.table import AREA, VectorFeature
+from sketchterrain.features.table import AREA, Feature
 from tests.drape.test_vector_sources import opened, random_shapes, write, write_as_is
 
 HOLED = shapely.Polygon([(0, 0), (40, 0), (40, 40), (0, 40)], [[(10, 10), (20, 10), (20, 20), (10, 20)]])
@@ -37,11 +37,11 @@ def drapes(tmp_path):
 
 @pytest.fixture
 def table(drapes):
-    return DrapedFeatures.from_drapes(drapes, 0)
+    return drapes.table(0)
 
 
 def shape(table, number):
-    return table.source.feature(number).geometry
+    return table.geometry(number)
 
 
 def test_features_are_moved_rotated_and_scaled_with_their_parts_and_holes(table) -> None:
@@ -92,9 +92,9 @@ def test_edits_that_are_no_features_are_one_line_each(drapes, table) -> None:
         lambda: moved(1, (-30.0, 20.0)),  # crosses itself
         lambda: moved(0, (np.nan, 0.0)),
         lambda: edits.delete_vertex(table, 1, 99),
-        lambda: table.edited(add=[VectorFeature(AREA, (crossed,))]),
+        lambda: table.edited(add=[Feature(AREA, (crossed,))]),
         lambda: table.edited([1]).feature(1),
-        lambda: drapes.feature(0, 77),
+        lambda: drapes.table(0).feature(77),
         lambda: edits.insert_vertices(table, 3, [0], [(1.0, 1.0)]),
         lambda: edits.split_line(table, 4, 1),  # of two parts
     ):
@@ -105,17 +105,17 @@ def test_edits_that_are_no_features_are_one_line_each(drapes, table) -> None:
 
 def changed(drapes):
     """Return the layer with an edit of each kind, and what its features are then."""
-    table = DrapedFeatures.from_drapes(drapes, 0)
-    number = table.source.next_id
+    table = drapes.table(0)
+    number = table.next_id
     table = edits.with_places(table, 4, np.concatenate(table.feature(4).rings) + 5.0)
     for name, value in {"name": "renamed", "count": None, "note": 1.5}.items():
         table = edits.set_value(table, 7, name, value)
-    new = edits.feature_of(shapely.box(1, 2, 3, 4), {"name": "new", "count": 99})
+    new = Feature.from_geometry(shapely.box(1, 2, 3, 4), {"name": "new", "count": 99})
     table = table.edited([2]).edited(add=[new])
     assert number in table
-    new = drapes.updated([table.layer])
+    new = drapes.updated([drapes.layers[0].replace(edits=table.edits)])
     ids = [each for each in range(number + 1) if each != 2]
-    return new, [new.feature(0, each) for each in ids]
+    return new, [new.table(0).feature(each) for each in ids]
 
 
 def test_layers_are_saved_and_read_back_in_each_format(tmp_path) -> None:
@@ -131,11 +131,10 @@ def test_layers_are_saved_and_read_back_in_each_format(tmp_path) -> None:
         found = opened(saved)
         assert found.problems == ()
         assert found.sources[0].next_id == len(features)
-        for number, (_, shape, properties) in enumerate(features):
-            again = found.feature(0, number)
-            assert shapely.hausdorff_distance(again.geometry, shape) < 1e-4, (suffix, number)
-            expected = {name: properties.get(name) for name in ("name", "count", "share", "note")}
-            assert again.properties == expected, (suffix, number)
+        for number, feature in enumerate(features):
+            again = found.table(0).feature(number)
+            assert shapely.hausdorff_distance(again.geometry, feature.geometry) < 1e-4, (suffix, number)
+            assert again.properties == feature.properties, (suffix, number)
         info = pyogrio.read_info(saved.path)
         assert info["crs"] == ("EPSG:4326" if suffix == ".geojson" else "EPSG:32631")
     assert path.read_bytes() == content
@@ -155,8 +154,8 @@ def test_other_tables_of_a_geopackage_and_heights_are_kept(tmp_path) -> None:
     write(path, random_shapes(5), layer="second", append=True)
     write(path, random_shapes(7), layer="third", append=True)
     drapes = opened(draped_layer(path))
-    table = edits.with_places(DrapedFeatures.from_drapes(drapes, 0), 0, np.array([(0.0, 0.0), (20.0, 0.0)]))
-    saved = save_layer(drapes.updated([table.layer]), 0, path)
+    table = edits.with_places(drapes.table(0), 0, np.array([(0.0, 0.0), (20.0, 0.0)]))
+    saved = save_layer(drapes.updated([drapes.layers[0].replace(edits=table.edits)]), 0, path)
     tables = {
         str(name): pyogrio.read_info(path, layer=name)["features"] for name, _ in pyogrio.list_layers(path)
     }
@@ -166,14 +165,14 @@ def test_other_tables_of_a_geopackage_and_heights_are_kept(tmp_path) -> None:
     line, point = shapely.from_wkb(wkb)
     assert [*line.coords] == [(500000, 4700000, 7), (500020, 4700000, 8)]
     assert point.z == 9.0
-    assert opened(saved).feature(0, 0).geometry.length == 20.0
+    assert opened(saved).table(0).feature(0).geometry.length == 20.0
 
 
 def test_a_layer_that_cannot_be_saved_leaves_every_file_as_it_was(tmp_path) -> None:
     path = write(tmp_path / "map.gpkg", random_shapes(5))
     drapes = opened(draped_layer(path))
     content = path.read_bytes()
-    bad = edits.set_value(DrapedFeatures.from_drapes(drapes, 0), 1, "number", "many").layer
+    bad = drapes.layers[0].replace(edits=edits.set_value(drapes.table(0), 1, "number", "many").edits)
     (tmp_path / "sketch").mkdir()
     (tmp_path / "sketch/sketch.toml").touch()
     local = opened(draped_layer(write(tmp_path / "own.fgb", random_shapes(2), crs=None)))
@@ -199,12 +198,12 @@ import itertools, os, signal, sys
 from pathlib import Path
 import numpy as np
 from sketchterrain.document.drapes import draped_layer
-from sketchterrain.drape import feature_edits
+from sketchterrain.drape import saving
 from sketchterrain.features import edits
 from tests.document.save_until_killed import count_calls
 from tests.drape.test_vector_sources import ALL, opened
 path, content = Path(sys.argv[1]), Path(sys.argv[1]).read_bytes()
-feature_edits._BATCH = 100
+saving._BATCH = 100
 
 def save(moment):
     # Return the status of a save that is killed at a call, and the number of calls of one that is not.
@@ -217,11 +216,12 @@ def save(moment):
             count = stream.read()
         return status, count
     drapes, calls = opened(draped_layer(path)), itertools.count()
-    table = feature_edits.DrapedFeatures.from_drapes(drapes, 0)
+    table = drapes.table(0)
     moved = np.concatenate(table.feature(0).rings) + 1.0
-    drapes = drapes.updated([edits.with_places(table, 0, moved).layer])
+    layer = drapes.layers[0].replace(edits=edits.with_places(table, 0, moved).edits)
+    drapes = drapes.updated([layer])
     count_calls(lambda: next(calls) == moment and os.kill(os.getpid(), signal.SIGKILL))
-    feature_edits.save_layer(drapes, 0, path)
+    saving.save_layer(drapes, 0, path)
     sys.setprofile(None)
     os.write(write, str(next(calls)).encode())
     os._exit(0)

@@ -1,12 +1,10 @@
-"""Edits of features as new layers, and layers saved as files with their edits."""
+"""Draped layers saved as files with their edits."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -14,99 +12,22 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import shapely
+from shapely.geometry.base import BaseGeometry
 
-from sketchterrain.document.drapes import DrapedLayer, FeatureEdit, class_value
+from sketchterrain.document.drapes import DrapedLayer, class_value
 from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.drape.vector_source import VectorSource
 from sketchterrain.drape.vector_store import FileProjection, open_drape
 from sketchterrain.errors import InputError, SketchterrainError, format_value, one_line
-from sketchterrain.features.edits import feature_of, shape_of
 from sketchterrain.features.files import FileTable, write_table
-from sketchterrain.features.table import VectorFeature
+from sketchterrain.features.table import Feature
 from sketchterrain.io.files import atomic_path, hash_file
 
 DRIVERS: Final = {".gpkg": "GPKG", ".fgb": "FlatGeobuf", ".geojson": "GeoJSON", ".json": "GeoJSON"}
 """Formats that a layer can be saved in, by suffix."""
 
 _BATCH: Final = 1 << 16  # features that are written to a GeoPackage at once
-
-
-@dataclass(frozen=True)
-class DrapedFeatures:
-    """The features of a draped layer with its edits, as a table that `features.edits` changes."""
-
-    layer: DrapedLayer
-    source: VectorSource
-
-    @classmethod
-    def from_drapes(cls, drapes: Drapes, number: int) -> DrapedFeatures:
-        """Return the features of a layer by its number; raise InputError if it is no vector layer."""
-        source = drapes.sources[number] if 0 <= number < len(drapes.sources) else None
-        if not isinstance(source, VectorSource):
-            raise InputError(f"draped layer {number}: expected features")
-        return cls(drapes.layers[number], source)
-
-    @property
-    def next_id(self) -> int:
-        """The id of the next new feature."""
-        return self.source.next_id
-
-    def feature(self, number: int) -> VectorFeature:
-        """Return a feature, of one with several kinds of parts the areas; raise InputError without one."""
-        return _feature(self.source, number)
-
-    def __contains__(self, number: int) -> bool:
-        """Return whether there is a feature with an id."""
-        with suppress(InputError):
-            return self.feature(number).id == number
-        return False
-
-    def near(self, x: float, y: float, reach: float) -> list[VectorFeature]:
-        """Return the features that may be within a distance (m) of a place."""
-        found = self.source.features((x - reach, y - reach, x + reach, y + reach))
-        return [self.feature(number) for number in found.tolist()]
-
-    def features_at(self, x: float, y: float) -> list[VectorFeature]:
-        """Return the features with a vertex at a position (m)."""
-        return [
-            each for each in self.near(x, y, 0.0) if (np.concatenate(each.rings) == (x, y)).all(axis=1).any()
-        ]
-
-    def edited(self, remove: Sequence[int] = (), add: Sequence[VectorFeature] = ()) -> DrapedFeatures:
-        """Return the table without some features, and with others, in their places or with new ids.
-
-        Raise InputError if a feature becomes invalid.
-        """
-        edits = {**self.layer.edits, **{number: FeatureEdit(number) for number in remove}}
-        left, new = set(remove), self.next_id
-        for feature in add:
-            what, is_valid = f"feature {feature.id}" if feature.id in left else "new feature", True
-            if not np.isfinite(np.concatenate(feature.rings)).all():
-                raise InputError(f"{what}: expected finite coordinates")
-            shape = shape_of(feature)
-            if feature.id in left:
-                before = self.source.feature(feature.id).geometry
-                if before.geom_type == "GeometryCollection":
-                    raise InputError(f"{what}: expected points, lines or areas, not several kinds of parts")
-                is_valid = bool(shapely.is_valid(before))
-                if before.geom_type != shape.geom_type and before.geom_type.startswith("Multi"):
-                    shape = type(before)([shape])
-            if is_valid and not shapely.is_valid(shape):
-                reason = one_line(shapely.is_valid_reason(shape))[:80]
-                raise InputError(f"{what}: expected a valid geometry ({reason})")
-            number = feature.id if feature.id in left else new
-            left, new = left - {number}, new + (number == new)
-            edits[number] = FeatureEdit(number, shapely.to_wkb(shape), tuple(feature.properties.items()))
-        layer = self.layer.replace(edits=edits)
-        return DrapedFeatures(layer, self.source.updated(layer))
-
-
-@lru_cache(maxsize=8)
-def _feature(source: VectorSource, number: int) -> VectorFeature:
-    found = source.feature(number)
-    given = {name: value for name, value in found.properties.items() if value is not None}
-    return feature_of(found.geometry, given, number)
 
 
 def save_layer(drapes: Drapes, number: int, path: Path) -> DrapedLayer:
@@ -147,7 +68,7 @@ def _write(table: FileTable, layer: DrapedLayer, projection: FileProjection, pat
     """Write the features of a file, those of a GeoPackage in batches."""
     edits = layer.edits
     kinds = {**table.fields, **_new_kinds(table.fields, edits.values())}
-    same = {shapely.from_wkb(edit.geometry).geom_type for edit in edits.values() if edit.geometry}
+    same = {edit.geometry.geom_type for edit in edits.values() if edit}
     one_type = same <= {table.geometry_type.partition(" ")[0]}
     step = _BATCH if driver == "GPKG" else max(table.features, 1)
     for first in range(0, max(table.features, 1), step):
@@ -158,8 +79,8 @@ def _write(table: FileTable, layer: DrapedLayer, projection: FileProjection, pat
         edited = {at: edits[number] for at, number in enumerate(ids) if number in edits}
         wkb = np.append(wkb, np.full(len(ids) - len(wkb), None))
         for at, edit in edited.items():
-            wkb[at] = edit.geometry and _in_file(edit.geometry, wkb[at], projection)
-        left = np.array([at not in edited or bool(edited[at].geometry) for at in range(len(ids))], bool)
+            wkb[at] = edit and _in_file(edit.geometry, wkb[at], projection)
+        left = np.array([edited.get(at, True) is not None for at in range(len(ids))], bool)
         columns = {
             name: _column(values.get(name), name, kind, edited, len(ids)) for name, kind in kinds.items()
         }
@@ -180,12 +101,15 @@ def _write(table: FileTable, layer: DrapedLayer, projection: FileProjection, pat
             raise SketchterrainError(f"{path.suffix[1:]}: cannot be written ({reason})") from None
 
 
-def _in_file(wkb: bytes, before: bytes | None, projection: FileProjection) -> bytes:
+def _in_file(geometry: BaseGeometry, before: bytes | None, projection: FileProjection) -> bytes:
     """Return a geometry in the file's coordinates, with the heights of the nearest vertices before."""
-    shape = shapely.transform(shapely.from_wkb(wkb), projection.to_file)
+    shape = shapely.transform(geometry, projection.to_file)
     if not np.isfinite(shapely.get_coordinates(shape)).all():
         raise InputError(f"{projection.place}: expected edited features with a place in the file's CRS")
-    old = shapely.get_coordinates(shapely.from_wkb(before), include_z=True) if before else np.zeros((0, 3))
+    former = shapely.from_wkb(before)
+    if former is not None and former.geom_type == f"Multi{shape.geom_type}":
+        shape = type(former)([shape])
+    old = shapely.get_coordinates(former, include_z=True)
     if len(old) and np.isfinite(old).all():
         heights = [old[np.argmin(np.hypot(*(old[:, :2] - at).T)), 2] for at in shapely.get_coordinates(shape)]
         shape = shapely.force_3d(shape)
@@ -193,16 +117,17 @@ def _in_file(wkb: bytes, before: bytes | None, projection: FileProjection) -> by
     return bytes(shapely.to_wkb(shape))
 
 
-def _new_kinds(fields: Mapping[str, str], edits: Iterable[FeatureEdit]) -> dict[str, str]:
+def _new_kinds(fields: Mapping[str, str], edits: Iterable[Feature | None]) -> dict[str, str]:
     """Return the dtypes of properties that the file does not have."""
     ranks = dict[str, int]()
-    for name, value in (pair for edit in edits for pair in edit.properties if pair[0] not in fields):
-        ranks[name] = max(ranks.get(name, 0), {int: 0, float: 1}.get(type(value), 2))
+    for name, value in (pair for edit in edits if edit for pair in edit.properties.items()):
+        if name not in fields:
+            ranks[name] = max(ranks.get(name, 0), {int: 0, float: 1}.get(type(value), 2))
     return {name: ("int64", "float64", "object")[rank] for name, rank in ranks.items()}
 
 
 def _column(
-    values: npt.NDArray[Any] | None, name: str, kind: str, edited: Mapping[int, FeatureEdit], rows: int
+    values: npt.NDArray[Any] | None, name: str, kind: str, edited: Mapping[int, Feature | None], rows: int
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
     """Return a property of features with edits, and where it has no value."""
     given = np.zeros(0, kind) if values is None else values
@@ -211,7 +136,7 @@ def _column(
     column = np.full(rows, None) if kind == "object" else np.zeros(rows, kind)
     column[~missing] = given[~missing[: len(given)]]
     for at, edit in edited.items():
-        value = dict(edit.properties).get(name)
+        value = edit and edit.properties.get(name)
         missing[at] = value is None
         if value is not None:
             column[at] = _converted(value, name, kind)

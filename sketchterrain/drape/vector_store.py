@@ -114,21 +114,16 @@ class FileProjection:
 
 def _transformed(points: Float64Array, source: CRS, target: CRS) -> Float64Array:
     """Return points (n, 2) in another CRS; NaN where that fails, which GDAL reports for all at once."""
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        result = np.full(points.shape, np.nan)
-        result[finite] = _transformed(points[finite], source, target)
-        return result
-    try:
-        with Env():
-            found = np.array(transform(source, target, points[:, 0], points[:, 1]), np.float64).T
-        found[~np.isfinite(found).all(axis=1)] = np.nan
-        return found
-    except CPLE_BaseError:
-        if len(points) == 1:
-            return np.full((1, 2), np.nan)
-        halves = np.array_split(points, 2)
-        return np.concatenate([_transformed(half, source, target) for half in halves])
+    result, pending = np.full(points.shape, np.nan), [np.flatnonzero(np.isfinite(points).all(axis=1))]
+    while pending:
+        rows = pending.pop()
+        try:
+            with Env():
+                result[rows] = np.transpose(transform(source, target, *points[rows].T))
+        except CPLE_BaseError:
+            pending += np.array_split(rows, 2) if len(rows) > 1 else []
+    result[~np.isfinite(result).all(axis=1)] = np.nan
+    return result
 
 
 class _Texts:

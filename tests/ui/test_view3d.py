@@ -439,7 +439,7 @@ def test_what_is_drawn_under_a_pixel_is_picked_before_what_is_near(view, link, d
     added = {"river": (600.0, {"width": 4.0 * texel}), "road": (600.0 + 6.0 * texel, {"width": texel})}
     layers = {
         name: VectorLayer(name).edited(
-            add=[VectorFeature(LINE, (np.array([(200.0, y), (1400.0, y)]),), 1, properties)]
+            add=[Feature(LINE, (np.array([(200.0, y), (1400.0, y)]),), 1, properties)]
         )
         for name, (y, properties) in added.items()
     }

@@ -28,7 +28,7 @@ from sketchterrain.features.levels import (
     split_shapes,
     touch,
 )
-from sketchterrain.features.table import Feature
+from sketchterrain.features.table import STEP, Feature, on_grid
 
 _ROUNDED = math.sqrt(0.5)  # of a tolerance: the farthest that a vertex moves
 _BATCH = 1 << 16  # values that are read at once
@@ -189,9 +189,9 @@ class VectorSource:
         return list(map(self.feature, found.tolist()))
 
     def features_at(self, x: float, y: float) -> list[Feature]:
-        """Return the features with a vertex at a position (m)."""
-        near = self.near(x, y, 0.0)
-        return [each for each in near if (np.concatenate(each.rings) == (x, y)).all(axis=1).any()]
+        """Return the features with a vertex at a position (m), rounded as those of vectors are."""
+        place, near = on_grid((x, y)), self.near(x, y, STEP)
+        return [each for each in near if (on_grid(np.concatenate(each.rings)) == place).all(axis=1).any()]
 
     def geometry(self, number: int) -> BaseGeometry | None:
         """Return the geometry of a feature in metres of the sketch; None without one."""

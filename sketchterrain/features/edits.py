@@ -162,7 +162,7 @@ def join_lines(table: Table, name: int, index: int | None = None) -> Table:
             if feature.id == name or not _is_line(feature):
                 continue
             for rest in (feature.rings[0], feature.rings[0][::-1]):
-                if (rest[0] == one[-1]).all():
+                if (on_grid(rest[0]) == on_grid(one[-1])).all():
                     both = np.concatenate([one, rest[1:]])
                     turn = _turn(one[-1] - one[-2], rest[1] - rest[0])
                     found.append((turn, both[::-1] if end == 0 else both, feature.id))

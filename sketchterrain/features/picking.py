@@ -194,7 +194,8 @@ def snapped(
     nodes = np.concatenate(vertices)
     away = np.hypot(*(nodes - (x, y)).T)
     if away.min(initial=np.inf) <= reach:
-        return _pair(nodes[np.argmin(away)])
+        east, north = nodes[np.argmin(away)].tolist()
+        return east, north
     found = [nearest_place(each, outline_of(table, each), x, y) for table, each in lines]
     distance, _, place = min(found, default=(np.inf, 0, (x, y)))
     return place if distance <= reach else None

@@ -276,6 +276,7 @@ def test_lines_of_a_draped_layer_are_split_joined_reversed_and_snap(draped, blan
     assert ends(2) == [middle, [600, 600]]
     workspace.selection = Selection("drape", 2, layer=0)
     drag(draped, (600.0, 600.0), (503.0, 502.0))  # to a corner of a square
+    assert shape(blank, 2).coords[-1] == shape(blank, 1).exterior.coords[2]
     assert ends(2)[-1] == [500, 500]
     workspace.selection = Selection("drape", 2, layer=0)
     run("join-lines")

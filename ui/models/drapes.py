@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -58,12 +58,8 @@ class DrapeSources(QObject):
         current = self.current
         return None if current is None or number >= len(current.sources) else current.sources[number]
 
-    def fields(self, number: int) -> Mapping[str, str] | None:
-        """Return the types of the properties in a layer's file; None unless it is a known vector file."""
-        return getattr(self.source(number), "fields", None)
-
     def table(self, number: int) -> VectorSource | None:
-        """Return the features of a vector layer; None until it is read."""
+        """Return the features of a layer; None unless it is a vector file that is read."""
         return _table(self.current, number)
 
     def hold(self, selection: Selection | None) -> None:
@@ -176,12 +172,10 @@ def move_drape(document: Document, workspace: Workspace, number: int, to: int) -
 
 def classify(document: Document, number: int, by: str) -> None:
     """Make a class of each value of a property, in colours of its own; raise InputError for too many."""
-    from sketchterrain.drape.vector_source import VectorSource
-
-    layer, source = document.sketch.drapes[number], document.drapes.source(number)
-    if not isinstance(source, VectorSource) or by not in source.fields:
+    layer, table = document.sketch.drapes[number], document.drapes.table(number)
+    if table is None or by not in table.fields:
         raise InputError(f"{layer.title}: expected a property of its file, got {by!r}")
-    values = {class_value(each) for each in source.values(by, range(source.next_id))}
+    values = {class_value(each) for each in table.values(by, range(table.next_id))}
     if len(values) > MAX_CLASSES:
         raise InputError(f"{layer.title}: {by} has {len(values)} values; expected at most {MAX_CLASSES}")
     colours = map(distinct_colour, range(len(values)))
@@ -196,8 +190,8 @@ def refusal(document: Document, workspace: Workspace, number: int) -> str:
         return f"{layer.title} is locked. Unlock the layer to edit it."
     if not layer["visible"]:
         return f"{layer.title} is hidden. Show the layer to edit it."
-    is_vector = document.drapes.fields(number) is not None
-    return "" if is_vector else f"{layer.title} has no features that can be edited."
+    is_raster = document.drapes.table(number) is None
+    return f"{layer.title} has no features that can be edited." if is_raster else ""
 
 
 def look_key(layer: DrapedLayer) -> str:

@@ -108,7 +108,7 @@ class DrapeList(QWidget):
             draw = menu.add_command("line", f"Draw {kind}s", partial(self._draw, kind))
             draw.setEnabled(not model.refusal(document, self._workspace, number))
         menu.addSeparator()
-        is_vector = document.drapes.fields(number) is not None
+        is_vector = document.drapes.table(number) is not None
         for text, other in (("&Save layer", False), ("Save layer &as…", True)):
             save = menu.add_command("save", text, partial(self.save_requested.emit, number, other))
             save.setEnabled(is_vector and (other or bool(self._layer(number).edits)))
@@ -128,7 +128,7 @@ class DrapeList(QWidget):
         elif current.sources[number] is None:
             parts.append("not readable")
         parts += [f"{len(layer.edits)} edited"] if layer.edits else []
-        is_raster = len(parts) == 1 and self._document.drapes.fields(number) is None
+        is_raster = len(parts) == 1 and self._document.drapes.table(number) is None
         colours = ("#808080", "#b0b0b0") if is_raster else (layer.style["colour"], layer.style["fill"])
         locked = self._workspace.look(model.look_key(layer)).locked
         return Row(str(number), 0, layer.title, " · ".join(parts), layer["visible"] == 1, locked, colours)
@@ -223,7 +223,8 @@ class DrapePage(QWidget):
         self._head.show_text(layer.title, one_line(layer.path))
         self.layer_form.show_values(layer.values)
         self.by.clear()  # `activated` is of the user's choices only
-        self.by.addItems(dict.fromkeys(["", *(self._document.drapes.fields(number) or ()), layer["by"]]))
+        table = self._document.drapes.table(number)
+        self.by.addItems(dict.fromkeys(["", *(() if table is None else table.fields), layer["by"]]))
         self.by.setCurrentText(layer["by"])
         self.classify.setEnabled(bool(layer["by"]))
         self._show_class(min(self._index, len(layer.classes) - 1))

@@ -1,6 +1,6 @@
 """Properties of the selected feature, of a layer of the sketch or of a draped one."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
@@ -62,10 +62,10 @@ class FeaturePage(QWidget):
         self.form.setToolTip(problem)
         if own is None:
             self._head.show_text("Gone", "The selection no longer exists.")
-        elif own.selection.is_vector:
+        elif isinstance(own.table, VectorLayer):
             self._show_vector(own, own.selection.kind)
         else:
-            self._show_draped(own)
+            self._show_draped(own, own.table.fields)
 
     def _show_vector(self, shown: SelectedFeature, name: str) -> None:
         sketch, own, feature = self._document.sketch, shown.feature.properties, shown.feature
@@ -87,12 +87,11 @@ class FeaturePage(QWidget):
             if field.reset is not None:
                 field.reset.setVisible(key in own)
 
-    def _show_draped(self, own: SelectedFeature) -> None:
+    def _show_draped(self, own: SelectedFeature, fields: Iterable[str]) -> None:
         selection, feature = own.selection, own.feature
         title = self._document.sketch.drapes[selection.layer].title
         self._head.show_text(f"{KINDS[feature.kind].capitalize()} {feature.id} of {title}", _size(own))
         self._labels.hide()
-        fields = self._document.drapes.fields(selection.layer) or {}
         names = dict.fromkeys([*fields, *feature.properties])
         self._declare("", {name: replace(_TEXT, name=name) for name in names})
         self.form.show_values({name: str(feature.properties.get(name, "")) for name in names})

@@ -38,12 +38,11 @@ class Curves:
 
     Parameters
     ----------
-    shapes, outlines : (n,) m; the outline of an area is its border and holes
+    shapes : (n,) m
     boxes : (4, n) m, west, south, east and north
     """
 
     shapes: Shapes
-    outlines: Shapes
     boxes: Float64Array
 
     def touching(self, box: Bounds) -> Int64Array:
@@ -60,7 +59,7 @@ class Curves:
 
         box = (x - reach, y - reach, x + reach, y + reach)
         rows, place = self.touching(box), shapely.Point(x, y)
-        distance = shapely.distance(shapely.clip_by_rect(self.outlines[rows], *box), place)
+        distance = shapely.distance(shapely.clip_by_rect(outlines_of(self.shapes[rows]), *box), place)
         return rows, np.nan_to_num(distance, nan=np.inf), shapely.intersects_xy(self.shapes[rows], x, y)
 
 
@@ -77,7 +76,7 @@ def _curves_of(layer: VectorLayer) -> Curves:
             if piece not in _of_pieces:
                 _of_pieces[piece] = _curves_of(piece)
         pieces = [_of_pieces[piece] for piece in layer.pieces]
-        names = ("shapes", "outlines", "boxes")
+        names = ("shapes", "boxes")
         return Curves(*(np.concatenate([getattr(each, name) for each in pieces], axis=-1) for name in names))
     shapes = layer.shapes()
     smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
@@ -86,7 +85,7 @@ def _curves_of(layer: VectorLayer) -> Curves:
         lengths = np.diff(layer.rings)[own]
         points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
         shapes[smooth] = shapely.linestrings(points, indices=line)
-    return Curves(shapes, outlines_of(shapes), np.ascontiguousarray(shapely.bounds(shapes).T))
+    return Curves(shapes, np.ascontiguousarray(shapely.bounds(shapes).T))
 
 
 def curve_of(feature: Feature) -> BaseGeometry:

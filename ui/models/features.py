@@ -374,7 +374,7 @@ def _vertices_on(own: VectorLayer, layer: VectorLayer) -> Float64Array:
     pieces = [piece.vertices for piece in layer.pieces_near(*low.tolist(), *high.tolist())]
     places = np.concatenate([np.zeros((0, 2)), *pieces])
     places = places[((places >= low) & (places <= high)).all(axis=1)]
-    border = shapely.union_all(curves_of(own).outlines)
+    border = shapely.union_all(outlines_of(curves_of(own).shapes))
     return np.asarray(places[shapely.dwithin(shapely.points(places), border, _ON_LINE)])
 
 

@@ -8,7 +8,7 @@ from scipy.ndimage import find_objects
 from sketchterrain.array_types import Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.host.library import host_function
 from sketchterrain.landforms.drainage import FIRST_ROUNDS, FIRST_UPLIFT
-from sketchterrain.landforms.mesh import CORNER_X, CORNER_Y, SITE_BITS, MeshParameters, MeshTable, PassRule
+from sketchterrain.landforms.mesh import CORNER_X, CORNER_Y, SITE_BITS, MeshParameters, MeshTable
 
 DrainedCell = tuple[Float64Array, Float64Array, Float32Array, Float32Array]
 
@@ -46,45 +46,6 @@ def owners(
     return place, third, away
 
 
-def cell_bounds(table: MeshTable) -> Float64Array:
-    """Return boxes (rows, columns, 4) of the cells of a table's inner sites: west, south, east, north, in L.
-
-    From the table's first lattice point; they include what displaces a cell's border.
-    """
-    bounds = np.empty((*table.diagonal.shape, 4))
-    host_function("cell_bounds")(table, bounds)
-    return bounds
-
-
-def mesh_heights(
-    mesh: MeshParameters,
-    table: MeshTable,
-    window: tuple[int, int, int, int, int],
-    rule: PassRule,
-    rise: float,
-) -> Float64Array:
-    """Return heights (m) of nodes between the edges of their cells and crests at the sites.
-
-    Crests rise above the edges by shares of the relief at the site.
-    """
-    places = owners(mesh, table, *window)
-    height = np.empty(window[-2:])
-    host_function("mesh_heights")(table, rule, rise, *places, height)
-    return height
-
-
-def borders(
-    table: MeshTable, place: Int32Array, third: Float64Array, owner: Int32Array, rule: PassRule
-) -> tuple[Float64Array, Float64Array]:
-    """Return heights of edges and areas (m²) that drain into them from above, at nodes of borders.
-
-    These have an 8-neighbour of another cell; others, and those of no cell, get NaN and 0.
-    """
-    base, inflow = np.empty(owner.shape), np.empty(owner.shape)
-    host_function("cell_borders")(table, rule, place, third, owner, base, inflow)
-    return base, inflow
-
-
 def drain_cell(
     cells: CellNodes,
     number: int,
@@ -114,15 +75,6 @@ def drain_cell(
     given = cells, number, south, west, coarser, *corner, cell, rounds, *first, talus
     host_function("drain_cell")(*given, *drained, np.empty((19, shape[0] + 2, shape[1] + 2)))
     return drained
-
-
-def paste(
-    window: tuple[Float64Array, Float32Array, Float32Array],
-    cell: tuple[Float64Array, Float32Array, Float32Array],
-    corner: tuple[int, int],
-) -> None:
-    """Copy the nodes of a cell into a window's heights, areas and wetness; its first is `corner` there."""
-    host_function("paste_cell")(*cell, *corner, *window)
 
 
 def owner_index(place: Int32Array, stride: int) -> Int64Array:

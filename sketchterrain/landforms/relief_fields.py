@@ -19,7 +19,7 @@ from sketchterrain.document.label_layers import labels_in
 from sketchterrain.geometry.hashing import hash_keys, rounded
 from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.landforms.mesh import SIDE, UNIT, MeshParameters
+from sketchterrain.landforms.mesh import SIDE, UNIT
 from sketchterrain.landforms.placement.feature_types import TYPES
 from sketchterrain.landforms.placement.heights import unpainted_height
 
@@ -202,19 +202,3 @@ def relief_raster(
     for source, target in zip((relief, share), fine, strict=True):
         host_function("interpolated_nodes")(bits, column, row, source, target)
     return fine
-
-
-def roughened(fields: UpliftFields, relief: Float64Array, level: int, column: int, row: int) -> Float64Array:
-    """Return uplift at nodes, varied over 8 and 16 nodes of level 0."""
-    uplift = np.empty(relief.shape)
-    host_function("roughened_uplift")(fields, level, column, row, relief, uplift, np.empty(relief.shape[1]))
-    return uplift
-
-
-def mean_ground(
-    mesh: MeshParameters, fields: UpliftFields, level: int, column: int, row: int, rows: int, columns: int
-) -> tuple[Float64Array, Float64Array]:
-    """Return heights (m) of the smooth mean of the ground, and the mountains' share."""
-    height, share = np.empty((rows, columns)), np.empty((rows, columns))
-    host_function("mean_ground")(mesh, fields, level, column, row, height, share)
-    return height, share

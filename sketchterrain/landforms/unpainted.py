@@ -21,6 +21,7 @@ from scipy.ndimage import binary_erosion
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array
 from sketchterrain.caching import LRUCache
+from sketchterrain.host.library import host_function
 from sketchterrain.landforms import mesh as meshes
 from sketchterrain.landforms import mesh_nodes, mesh_vertices, relief_fields, wetness
 from sketchterrain.landforms.drainage import BARE_ROUNDS
@@ -147,15 +148,16 @@ class UnpaintedGround:
         height = np.full((rows, columns), np.nan)
         area, wet = np.zeros((2, rows, columns), np.float32)
         for cell in self._drained(level, sites).values():
-            corner = cell.row - row, cell.column - column
-            mesh_nodes.paste((height, area, wet), (cell.height, cell.area, cell.wetness), corner)
+            part = cell.height, cell.area, cell.wetness, cell.row - row, cell.column - column
+            host_function("paste_cell")(*part, height, area, wet)
         _, share = relief_fields.relief_raster(self.fields, level, column, row, rows, columns)
         return Nodes(height, share.astype(np.float32), area, wet)
 
     def _bounds(self, level: int, table: MeshTable) -> Int64Array:
         """Return the first and last nodes (west, south, east, north) that cells of inner sites may have."""
         side = 1 << (SITE_BITS - level)
-        at = mesh_nodes.cell_bounds(table)
+        at = np.empty((*table.diagonal.shape, 4))
+        host_function("cell_bounds")(table, at)
         corner = side * np.array([table.column, table.row])
         first, last = corner + np.floor(side * at[..., :2]), corner + np.ceil(side * at[..., 2:])
         return np.concatenate([first, last], axis=-1).astype(np.int64)
@@ -164,11 +166,13 @@ class UnpaintedGround:
         """Return a window of nodes of a level that is not drained."""
         at = level, column, row, rows, columns
         area = np.full((rows, columns), (self.settings.spacing * 2.0**level) ** 2, np.float32)
+        height, share = np.empty((rows, columns)), np.empty((rows, columns))
         if level >= _MESH_LEVELS:
-            height, share = relief_fields.mean_ground(self.mesh, self.fields, *at)
+            host_function("mean_ground")(self.mesh, self.fields, level, column, row, height, share)
         else:
             table = self._table_of_nodes(*at)
-            height = mesh_nodes.mesh_heights(self.mesh, table, at, self._passes, _CREST)
+            places = mesh_nodes.owners(self.mesh, table, *at)
+            host_function("mesh_heights")(table, self._passes, _CREST, *places, height)
             _, share = relief_fields.relief_raster(self.fields, *at)
         rock = share.astype(np.float32)
         return Nodes(height, rock, area, wetness.mean_wetness(rock))
@@ -289,7 +293,8 @@ class UnpaintedGround:
         number = np.full(table.site_x.shape, -1, np.int32)
         number[at] = np.arange(len(sites))
         owner = number.ravel()[mesh_nodes.owner_index(place, table.site_x.shape[1])]
-        base, inflow = mesh_nodes.borders(table, place, third, owner, self._passes)
+        base, inflow = np.empty((2, *shape))
+        host_function("cell_borders")(table, self._passes, place, third, owner, base, inflow)
         fields = self.uplift(level, column, row, *shape)
         boxes = mesh_nodes.boxes(owner, len(sites))
         return CellNodes(level, column, row, owner, base, fields.uplift, fields.repose, inflow, boxes)
@@ -298,7 +303,8 @@ class UnpaintedGround:
         """Return what raises unpainted ground at nodes of a level."""
         fields = self.fields
         relief, rock = relief_fields.relief_raster(fields, level, column, row, rows, columns)
-        uplift = relief_fields.roughened(fields, relief, level, column, row)
+        uplift = np.empty(relief.shape)
+        host_function("roughened_uplift")(fields, level, column, row, relief, uplift, np.empty(columns))
         return UpliftNodes(uplift, uplift / (_HEAD + uplift), rock.astype(np.float32))
 
     @cached_property

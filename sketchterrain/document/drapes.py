@@ -16,7 +16,7 @@ import numpy as np
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
-from sketchterrain.features.table import Column, Feature
+from sketchterrain.features.table import Feature
 from sketchterrain.io.files import too_large, wrap_read_errors
 from sketchterrain.schema.parameters import (
     FRAME,
@@ -324,7 +324,7 @@ def encode_edits(drapes: Sequence[DrapedLayer]) -> bytes:
         for name in sorted(layer.edits)
     ]
     shapes = np.fromiter((edit and edit.geometry for *_, edit in rows), object, len(rows))
-    columns: dict[str, Column] = {
+    columns = {
         "drape": np.array([number for number, *_ in rows], np.int64),
         "id": np.array([name for _, name, _ in rows], np.int64),
         "properties": tuple(json.dumps(dict(edit.properties) if edit else {}) for *_, edit in rows),

@@ -136,7 +136,7 @@ def _column(
     column = np.full(rows, None) if kind == "object" else np.zeros(rows, kind)
     column[~missing] = given[~missing[: len(given)]]
     for at, edit in edited.items():
-        value = edit and edit.properties.get(name)
+        value = None if edit is None else edit.properties.get(name)
         missing[at] = value is None
         if value is not None:
             column[at] = _converted(value, name, kind)

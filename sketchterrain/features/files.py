@@ -288,7 +288,7 @@ def single_parts(shapes: Shapes, of: npt.NDArray[np.intp]) -> tuple[Shapes, npt.
     return shapes, of
 
 
-_OPTIONS: Final = {
+_LAYER_OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {
     "GPKG": {},
     "FlatGeobuf": {"SPATIAL_INDEX": "NO"},  # keeps the order
     "GeoJSON": {"RFC7946": "YES", "COORDINATE_PRECISION": "10"},
@@ -299,7 +299,7 @@ def write_table(
     target: Path | io.BytesIO,
     name: str,
     wkb: Shapes,
-    columns: Mapping[str, Column | npt.NDArray[Any]],
+    columns: Mapping[str, Any],
     *,
     driver: str,
     geometry_type: str = "Unknown",
@@ -327,7 +327,7 @@ def write_table(
             geometry_type=geometry_type,
             crs=crs or None,
             append=append,
-            layer_options=_OPTIONS[driver],
+            layer_options=_LAYER_OPTIONS[driver],
             **options,
         )
 
@@ -347,7 +347,7 @@ def encode_vectors(layer: VectorLayer, frame: Mapping[str, Any]) -> bytes:
     return encode_table(layer.layer, shapes, columns, geometry_type=geometry_type(layer), crs=frame["crs"])
 
 
-def encode_table(name: str, shapes: Shapes, columns: Mapping[str, Column], **options: Any) -> bytes:
+def encode_table(name: str, shapes: Shapes, columns: Mapping[str, Any], **options: Any) -> bytes:
     """Return features in their order as a FlatGeobuf file, with options of `write_table`."""
     stream = io.BytesIO()
     write_table(stream, name, shapely.to_wkb(shapes), columns, driver="FlatGeobuf", **options)

@@ -295,11 +295,9 @@ class LineTool(Tool):
 
     def _may_draw(self) -> bool:
         """Return whether the layer can be edited, else report why."""
-        document, workspace = self.context.document, self.context.workspace
-        if not self._layer.is_draped:
-            return self.context.may_paint(pixels=False)
-        if problem := features.refusal(document, workspace, self._layer):
-            document.message.emit(problem)
+        problem = features.refusal(self.context.document, self.context.workspace, self._layer)
+        if problem:
+            self.context.document.message.emit(problem)
         return not problem
 
     @property

@@ -160,10 +160,10 @@ class ToolContext:
         right, down = viewport.left + columns * viewport.scale, viewport.top + rows * viewport.scale
         return right / self.ratio, down / self.ratio
 
-    def may_paint(self, *, pixels: bool = True) -> bool:
-        """Return whether the active layer can be edited, and has pixels if that is asked; else report why."""
+    def may_paint(self) -> bool:
+        """Return whether the active layer can be painted on; else report why."""
         refusal = self.workspace.refusal(self.workspace.layer)
-        if pixels and not LAYERS[self.workspace.layer].is_painted:
+        if not LAYERS[self.workspace.layer].is_painted:
             title = LAYERS[self.workspace.layer].title
             refusal = f"{title} are drawn, not painted: use the line tool (L), or select one (V)."
         if refusal:

@@ -2,20 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.document.sketch import Sketch
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, River
 from sketchterrain.schema.layers import LAYERS, id_of_vector
 from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
-from sketchterrain.ui.models.selection import OFFSET_ROLES, handles_of
+from sketchterrain.ui.models.selection import OFFSET_ROLES, FeatureDrag, handles_of
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle
 
@@ -27,15 +25,6 @@ _DOT_SPACING = 13.0  # px; side of a square with one mark, that of the largest f
 _POINT_SPACING = 13.0  # px between a river's visible control points
 _NEAR_AXIS = 20.0  # m from a station of a way's axis that is beside a place
 _WIDTH_ARM = 14.0  # px from a river's bank to the handle of its width, for rivers are thin
-
-
-class Drag(NamedTuple):
-    """A handle and where it has been dragged (m)."""
-
-    handle: Handle
-    x: float
-    y: float
-    sketch: Sketch  # that shows it, also where the document does not follow yet
 
 
 @dataclass(frozen=True)
@@ -98,7 +87,7 @@ class MarkBuilder:
     terrain: TerrainHeights
     placed: Placement
     selection: Selection | None
-    drag: Drag | None = None
+    drag: FeatureDrag | None = None
     lines: Sequence[Float64Array] = ()  # of the selected feature, (n, 2) m
     handles: tuple[Handle, ...] = ()  # of it
 
@@ -215,7 +204,7 @@ class MarkBuilder:
         places = np.array([(each.x, each.y) for each in handles])
         bases = np.array([(each.base_x, each.base_y) for each in handles])
         if self.drag is not None and self.drag.handle.selection.is_placed:
-            handle, x, y, _ = self.drag
+            handle, x, y = self.drag.handle, self.drag.x, self.drag.y
             if handle.role == "move":
                 shift = np.array([x - handle.x, y - handle.y])
                 places, bases = places + shift, bases + shift

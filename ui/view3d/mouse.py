@@ -26,7 +26,7 @@ from sketchterrain.ui.models.selection import (
 )
 from sketchterrain.ui.models.workspace import Handle, Selection
 from sketchterrain.ui.view3d.camera import Projection, drag_motion, zoom_motion
-from sketchterrain.ui.view3d.marks import Drag, HandleMark, Marks
+from sketchterrain.ui.view3d.marks import HandleMark, Marks
 from sketchterrain.ui.view3d.scene import Scene
 
 Place = tuple[float, float, float]
@@ -69,10 +69,6 @@ class HandleDrag(FeatureDrag):
         self._centre = (0.5 * document.sketch.size[0], 0.5 * document.sketch.size[1])
         self._limit = _MAX_DRAG * document.sketch.extent
         self._is_moved = False
-
-    @property
-    def state(self) -> Drag:
-        return Drag(self.handle, self.x, self.y, self.sketch)
 
     def move(self, projection: Projection, at: QPointF) -> None:
         """Drag to a pixel; above the horizon nothing changes."""
@@ -180,7 +176,7 @@ class ViewMouse(QObject):
                 return
             self._drag = HandleDrag(document, self._link.placed, mark, projection, at)
             self._workspace.selection = mark.handle.selection
-            self._scene.drag = self._drag.state
+            self._scene.drag = self._drag
 
     def _move(self, event: QMouseEvent) -> None:
         at = event.position()
@@ -191,7 +187,6 @@ class ViewMouse(QObject):
             self._move_camera(at, event)
         elif projection is not None:
             self._drag.move(projection, at)
-            self._scene.drag = self._drag.state
             if self._drag.problem:
                 self._document.message.emit(self._drag.problem)
             self._view.update()
@@ -319,7 +314,7 @@ class ViewMouse(QObject):
         drag = self._scene.drag
         if self._drag is not None or drag is None:
             return
-        handle, x, y = drag[:3]
+        handle, x, y = drag.handle, drag.x, drag.y
         if not handle.selection.is_placed:  # it moves at once
             self._forget_drag()
             return

@@ -15,9 +15,10 @@ from sketchterrain.ui.look.layer_colours import layer_glyph
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.features import SelectedFeature
+from sketchterrain.ui.models.selection import FeatureDrag
 from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, eye_height_text, length_text, scale_bar
-from sketchterrain.ui.view3d.marks import Dot, Drag, HandleMark, MarkBuilder, Marks, Segments
+from sketchterrain.ui.view3d.marks import Dot, HandleMark, MarkBuilder, Marks, Segments
 
 _RIM: Final = QColor(12, 16, 20, 150)
 _LIGHT: Final = QColor(255, 255, 255, 235)
@@ -122,7 +123,7 @@ class Scene:
 
     def __init__(self, document: Document, workspace: Workspace, link: ViewSource) -> None:
         self.document, self.workspace, self.link = document, workspace, link
-        self.drag: Drag | None = None
+        self.drag: FeatureDrag | None = None
         self.hovered: Handle | Selection | None = None
         self._marks = Marks()
         self._marks_key: tuple[object, ...] = ()
@@ -159,7 +160,8 @@ class Scene:
     def marks(self, width: int, height: int) -> Marks:
         link, workspace = self.link, self.workspace
         all_features = "features" in workspace.overlays and workspace.tool == "select"
-        inputs = (link.frame, link.placed, link.relief, workspace.selection, self.drag)
+        place = None if self.drag is None else (self.drag, self.drag.x, self.drag.y)
+        inputs = (link.frame, link.placed, link.relief, workspace.selection, place)
         vectors, drapes = self.document.sketch.vectors.values(), self.document.drapes.current
         key = (*inputs, *vectors, drapes, all_features, width, height)
         if key != self._marks_key:

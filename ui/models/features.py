@@ -74,11 +74,9 @@ class SelectedFeature:
         sketch = sketch or document.sketch
         if selection is None or selection.is_placed:
             return None
-        table: Table | None
-        if selection.is_draped:
-            table = document.drapes.table(selection.layer)
-        else:
-            table = sketch.vectors[selection.kind]
+        table: Table | None = (
+            document.drapes.table(selection.layer) if selection.is_draped else sketch.vectors[selection.kind]
+        )
         return None if table is None or selection.id not in table else cls(sketch, table, selection)
 
     @cached_property

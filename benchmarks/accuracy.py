@@ -13,7 +13,7 @@ from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.appearance_error import appearance_table, drape_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground, scattered_keys
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
@@ -27,21 +27,6 @@ __all__ = ["DOUBLE", "FLOAT", "NUMPY", "TILE_SEED", "measure"]
 FLOAT, DOUBLE, NUMPY = "float32 kernels", "float64 kernels", "NumPy float64"
 TILE_SEED = 11
 """Seed of the draw of tiles."""
-
-_COLUMNS = (
-    Column("ground", "ground"),
-    Column("level", "level"),
-    Column("cell_size", "cell, m"),
-    Column("method", "method"),
-    Column("rounds", "rounds"),
-    Column("ns_per_vertex", "ns a vertex"),
-    Column("p95_ns_per_vertex", "95 %, ns"),
-    Column("height_mm", "height error, mm"),
-    Column("height_p99_mm", "99 %, mm"),
-    Column("normal_deg", "normal error, °"),
-    Column("normal_p99_deg", "99 %, °"),
-    Column("material", "weight error"),
-)
 
 
 @dataclass(frozen=True)
@@ -109,7 +94,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
             sample = _sample(terrain, level, effort.accuracy_tiles)
             shared: dict[str, Any] = {"ground": ground, "level": level, "cell_size": sample.cell_size}
             rows += [shared | row for row in _compare(sample, context, exact, effort.rounds)]
-    errors = Table("Error against time", _COLUMNS, tuple(rows))
+    errors = Table("Error against time", tuple(rows))
     painted = appearance_table(context, exact, effort)
     return Outcome((errors, choices.table(context, effort), painted, drape_table(context, effort)))
 

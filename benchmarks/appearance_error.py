@@ -17,7 +17,7 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.draped_data import Shapes, random_areas, random_lines, write_layer
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground
-from sketchterrain.benchmarks.report import Column, Row, Table
+from sketchterrain.benchmarks.report import Row, Table
 from sketchterrain.benchmarks.synthetic_land import EXTENT, synthetic_land
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 from sketchterrain.compute.context import ComputeContext
@@ -34,16 +34,6 @@ _TEXELS = (0.06, 0.25, 1.0, 4.0, 16.0)  # m
 _SIDE = 190  # texels of a square
 _SAMPLES = 8  # along a texel, of the reference
 AT = (3060.0, 1172.0)  # m: a junction
-
-_COLUMNS = (
-    Column("texel", "texel, m"),
-    Column("method", "method"),
-    Column("ms", "ms a tile"),
-    Column("share", "share, largest"),
-    Column("share_p99", "99 %"),
-    Column("albedo", "albedo, largest"),
-    Column("albedo_rms", "rms"),
-)
 
 
 def open_appearance(context: TimedContext) -> Appearance:
@@ -67,7 +57,7 @@ def appearance_table(context: TimedContext, exact: TimedContext | None, effort: 
         ours, truth = open_appearance(context), open_appearance(exact)
         for texel in _TEXELS:
             rows += _rows(ours, truth, texel, context, effort)
-    return Table("Appearance", _COLUMNS, tuple(rows))
+    return Table("Appearance", tuple(rows))
 
 
 def _rows(
@@ -127,14 +117,7 @@ TEXEL: Final = 2.0  # m
 _WIDTHS: Final = (0.2, 0.6, 1.0, 2.0, 5.0, 20.0)  # texels
 _COUNT: Final = 40  # features
 
-_DRAPE_COLUMNS = (
-    Column("what", "features"),
-    Column("method", "method"),
-    Column("ms", "ms a tile"),
-    Column("share", "share, largest"),
-    Column("share_p99", "99 %"),
-    Column("whole", "of all texels, %"),
-)
+_DRAPE_HEADINGS = {"whole": "of all texels, %"}
 
 
 def _drapes(
@@ -167,7 +150,7 @@ def drape_table(context: TimedContext, effort: Effort) -> Table:
             shapes = shapely.buffer(lines, 0.5 * width * TEXEL, quad_segs=32)
             paint = _drapes(context, Path(name), (lines, {"width": width * TEXEL}))
             rows += _drape_rows(f"lines of {width:g} texels", paint, shapes, context, effort)
-    return Table("Draped features", _DRAPE_COLUMNS, tuple(rows))
+    return Table("Draped features", tuple(rows), _DRAPE_HEADINGS)
 
 
 def _drape_rows(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import run_program
 
 if TYPE_CHECKING:
@@ -19,15 +19,7 @@ if TYPE_CHECKING:
 
 SKETCH: Final = "valley_river"
 
-_COLUMNS = (
-    Column("files", "files"),
-    Column("jobs", "at once"),
-    Column("seeds", "terrains"),
-    Column("fresh_per_minute", "one by one, a minute"),
-    Column("batch_per_minute", "batch, a minute"),
-    Column("ratio", "ratio"),
-    Column("worst_ratio", "worst round"),
-)
+_HEADINGS = {"jobs": "at once"}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -63,7 +55,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
                     rounds[files, jobs].append((fresh[files], took))
     rows = [_row(files, jobs, effort.batch_seeds, rounds[files, jobs]) for files, _, jobs in variants]
     title = f"{SKETCH}, {effort.batch_size} vertices along a side, {effort.batch_fresh} one by one"
-    return Outcome((Table(title, _COLUMNS, tuple(rows)),))
+    return Outcome((Table(title, tuple(rows), _HEADINGS),))
 
 
 def _row(files: str, jobs: int, seeds: int, rounds: Sequence[tuple[float, float]]) -> Row:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial, partialmethod
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
@@ -17,8 +15,8 @@ from sketchterrain.array_types import StructuredArray
 from sketchterrain.benchmarks import splines
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import NoiseGrid, central_keys, open_ground
-from sketchterrain.benchmarks.plotting import BLUE, GREY, SMALL, new_figure, plain_numbers
-from sketchterrain.benchmarks.report import Column, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import Curves, draw_curves
+from sketchterrain.benchmarks.report import Row, Table
 from sketchterrain.benchmarks.splines import ARCS
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
@@ -54,14 +52,7 @@ _SPLINES = 64  # of each kind
 _QUADS = (8, 16, 32, 64, 128)
 _SHARES = (0.8, 0.6, 0.5, 0.4)
 
-_COLUMNS = (
-    Column("subject", "choice of"),
-    Column("choice", "way"),
-    Column("chosen", "chosen"),
-    Column("ns", "ns a point"),
-    Column("error", "largest error"),
-    Column("unit", "of"),
-)
+_HEADINGS = {"ns": "ns a point"}
 
 
 @dataclass(frozen=True)
@@ -91,7 +82,7 @@ def table(context: TimedContext, effort: Effort) -> Table:
     rows += _splines(context, effort)
     order = list(SUBJECTS)
     rows.sort(key=lambda row: order.index(str(row["subject"])))
-    return Table("Other ways", _COLUMNS, tuple(rows))
+    return Table("Other ways", tuple(rows), _HEADINGS)
 
 
 def _rows(context: TimedContext, subject: str, methods: list[_Method], rounds: int) -> Iterator[Row]:
@@ -102,7 +93,7 @@ def _rows(context: TimedContext, subject: str, methods: list[_Method], rounds: i
         yield {
             "subject": subject,
             "choice": method.name,
-            "chosen": "yes" if method.chosen else "",
+            "chosen": "yes" if method.chosen else "no",
             "ns": spread(seconds).median / method.points * 1e9,
             "error": method.error(),
             "unit": SUBJECTS[subject],
@@ -254,57 +245,12 @@ def _splines(context: TimedContext, effort: Effort) -> Iterator[Row]:
             yield {
                 "subject": "splines",
                 "choice": row["method"],
-                "chosen": "yes" if row["method"] == ARCS else "",
+                "chosen": "yes" if row["method"] == ARCS else "no",
                 "ns": row["ns_per_place"],
                 "error": row["worst_mm"],
                 "unit": SUBJECTS["splines"],
             }
 
 
-_PANELS_PER_LINE = 3
-_APART = 0.07  # of a panel's height, between labels
-
-
-def draw_choices(rows: Sequence[Row]) -> Any:
-    """Draw a dot a method, blue for the one in use; exact methods lie on the floor."""
-    figure = new_figure(
-        12.0,
-        6.6,
-        "Largest error against time of each way to do the same, down and left is better. Blue: what is used.",
-    )
-    lines = -(-len(SUBJECTS) // _PANELS_PER_LINE)
-    panels = figure.subplots(lines, _PANELS_PER_LINE, squeeze=False).ravel()
-    for (subject, unit), axes in zip(SUBJECTS.items(), panels, strict=True):
-        _panel(axes, [row for row in rows if row["subject"] == subject])
-        axes.set_title(unit, fontsize=9.0)
-    return figure
-
-
-def _panel(axes: Any, rows: Sequence[Row]) -> None:
-    errors, times = [value_of(row, "error") for row in rows], [value_of(row, "ns") for row in rows]
-    known = [error for error in errors if error > 0] or [1.0]
-    floor = 10.0 ** (math.floor(math.log10(min(known))) - 1)
-    top = 10.0 ** math.ceil(math.log10(max(known)) + 0.3)
-    axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.6, max(times) * 8), ylim=(floor / 1.5, top))
-    axes.set_xlabel("ns a point", fontsize=8.0)
-    plain_numbers(axes.xaxis)
-    decades = math.log10(top / floor * 1.5)
-    heights = _spread([math.log10(max(error, floor)) for error in errors], decades * _APART)
-    label_x = max(times) * 1.25
-    for row, time, error, height in zip(rows, times, errors, heights, strict=True):
-        chosen = row["chosen"] == "yes"
-        colour, place = BLUE if chosen else GREY, max(error, floor)
-        axes.plot(time, place, "o", color=colour, markersize=6 if chosen else 5, clip_on=False)
-        axes.plot([time, label_x * 0.96], [place, 10.0**height], "-", color=colour, linewidth=0.4, alpha=0.5)
-        text = f"{row['choice']}: exact" if error == 0 else str(row["choice"])
-        weight = "bold" if chosen else "normal"
-        axes.text(label_x, 10.0**height, text, color=colour, fontsize=SMALL, va="center", fontweight=weight)
-
-
-def _spread(values: Sequence[float], apart: float) -> list[float]:
-    """Move values up as little as keeps them so far apart, in their order."""
-    order = sorted(range(len(values)), key=lambda i: values[i])
-    moved = list(values)
-    for before, here in pairwise(order):
-        moved[here] = max(values[here], moved[before] + apart)
-    return moved
+_PANEL = Curves("", "ns", {"": "error"}, by="chosen", text="choice", units=("ns a point", "largest error"))
+draw_choices = partial(draw_curves, "Ways to do the same: error against time", [_PANEL], each="unit")

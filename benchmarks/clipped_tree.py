@@ -10,8 +10,8 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array, LatticeArray
-from sketchterrain.benchmarks.plotting import BLUE, SMALL, VERMILION, new_figure
-from sketchterrain.benchmarks.report import Column, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import Curves, draw_curves
+from sketchterrain.benchmarks.report import Row, Table
 from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, synthetic_land
 from sketchterrain.benchmarks.timing import lap
 from sketchterrain.geometry.box_index import BoxIndex
@@ -154,20 +154,7 @@ _MOVED = 20.0  # m by which a corner is moved at most
 _LEVELS = (7, 9)
 _MIDDLE = ((1 << _LEVELS[-1]) - SIDE) // 2, ((1 << _LEVELS[-1]) - SIDE) // 2
 
-_COLUMNS = (
-    Column("pieces", "pieces"),
-    Column("index", "index"),
-    Column("build_ms", "first view from nothing, ms"),
-    *(Column(f"new{level}_ms", f"{SIDE**2} tiles of level {level}, new, ms") for level in _LEVELS),
-    Column("again9_ms", "level 9 again, ms"),
-    Column("edit_ms", "edit, median, ms"),
-    Column("edit_p95_ms", "95 %, ms"),
-    Column("view_ms", "its view after it, level 9, ms"),
-    Column("view_p95_ms", "95 %, ms"),
-    Column("changed", "pieces changed an edit"),
-    Column("visited", "visited, median"),
-    Column("memory_mb", "memory, MB"),
-)
+_HEADINGS = {"again9_ms": "level 9 again, ms", "changed": "pieces changed an edit"}
 
 
 class BoxRival:
@@ -252,7 +239,7 @@ def random_edit(index: BoxIndex, rng: np.random.Generator) -> tuple[Int64Array, 
 def index_table(sides: Sequence[int], *, views: int, edits: int) -> Table:
     """Compare both, from few pieces to many, at one density."""
     rows = [row for side in sides for row in _rows(piece_boxes(side), views, edits)]
-    return Table("Index of pieces", _COLUMNS, tuple(rows))
+    return Table("Index of pieces", tuple(rows), _HEADINGS)
 
 
 def _rows(boxes: LatticeArray, views: int, edits: int) -> Iterator[Row]:
@@ -298,23 +285,11 @@ def _corners(boxes: LatticeArray, level: int, rng: np.random.Generator, count: i
     return [(int(column), int(row)) for column, row in places]
 
 
-_LINES = (
-    ("build_ms", "first view from nothing", ":"),
-    ("new9_ms", f"{SIDE**2} new tiles", "--"),
-    ("edit_p95_ms", "edit, 95 %", "-"),
-    ("view_p95_ms", "its view after it, 95 %", "-."),
-)
-
-
-def draw_index(rows: Sequence[Row]) -> Any:
-    """Draw times of both over the number of pieces."""
-    figure = new_figure(8.0, 4.2, "Index of pieces at one density: boxes and a clipped tree")
-    axes = figure.subplots()
-    for name, hue in ((BoxRival.name, BLUE), (TreeRival.name, VERMILION)):
-        own = [row for row in rows if row["index"] == name]
-        for key, what, style in _LINES:
-            x, y = ([value_of(row, each) for row in own] for each in ("pieces", key))
-            axes.plot(x, y, style, marker="o", markersize=3, color=hue, label=f"{name}: {what}")
-    axes.set(xscale="log", yscale="log", xlabel="pieces", ylabel="ms")
-    axes.legend(fontsize=SMALL, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
+_LINES = {
+    "first view from nothing": "build_ms",
+    f"{SIDE**2} new tiles": "new9_ms",
+    "edit, 95 %": "edit_p95_ms",
+    "its view after it, 95 %": "view_p95_ms",
+}
+_PANEL = Curves("", "pieces", _LINES, by="index", units=("pieces", "ms"))
+draw_index = partial(draw_curves, "Index of pieces at one density: boxes and a clipped tree", [_PANEL])

@@ -2,16 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from sketchterrain.array_types import StructuredArray
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, BARE_SEED, open_ground
-from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMILION, new_figure
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import (
+    Curves,
+    draw_curves,
+)
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES
@@ -27,18 +30,11 @@ DENSITY = 25.0
 _LEVEL = 6
 _TILES = 16  # along a side of the square that is looked at
 
-_COLUMNS = (
-    Column("features", "features"),
-    Column("side_km", "side of the world, km"),
-    Column("rounds", "rounds"),
-    Column("index_ms", "index, built once, ms"),
-    Column("cull_us", "lists on new ground, µs a tile"),
-    Column("again_us", "lists on the same ground, µs a tile"),
-    Column("tile_us", "tile on new ground, µs"),
-    Column("tile_p95_us", "95 %, µs"),
-    Column("launch_us", "of this on the device, µs"),
-    Column("near", "features a tile"),
-)
+_HEADINGS = {
+    "cull_us": "lists on new ground, µs a tile",
+    "again_us": "lists on the same ground, µs a tile",
+    "near": "features a tile",
+}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -51,7 +47,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """
     worlds = {count: _World(count, context) for count in effort.culling_features}
     laps = alternate({count: world.look for count, world in worlds.items()}, rounds=effort.rounds)
-    return Outcome((Table("Culling", _COLUMNS, tuple(_row(worlds[count], laps[count]) for count in worlds)),))
+    return Outcome(
+        (Table("Culling", tuple(_row(worlds[count], laps[count]) for count in worlds), _HEADINGS),)
+    )
 
 
 def _scattered_dunes(count: int) -> tuple[StructuredArray, float]:
@@ -137,21 +135,11 @@ def _row(world: _World, laps: Sequence[Lap]) -> Row:
     }
 
 
-_LINES = (
-    ("tile_us", "a tile on new ground", VERMILION),
-    ("launch_us", "of this on the device", BLUE),
-    ("cull_us", "lists of what reaches it, on new ground", GREEN),
-    ("again_us", "the same on ground that was looked at", PURPLE),
-)
-
-
-def draw_culling(rows: Sequence[Row]) -> Any:
-    """Draw microseconds a tile over features in the world, at one density."""
-    figure = new_figure(7.0, 4.0, "A tile costs the same in a world of any size")
-    axes = figure.subplots()
-    x = [value_of(row, "features") for row in rows]
-    for key, name, colour in _LINES:
-        axes.plot(x, [value_of(row, key) for row in rows], "o-", color=colour, markersize=4, label=name)
-    axes.set(xscale="log", yscale="log", xlabel="features in the world, at one density", ylabel="µs a tile")
-    axes.legend(fontsize=SMALL)
-    return figure
+_LINES = {
+    "a tile on new ground": "tile_us",
+    "of this on the device": "launch_us",
+    "lists of what reaches it, on new ground": "cull_us",
+    "the same on ground that was looked at": "again_us",
+}
+_PANEL = Curves("", "features", _LINES, units=("features in the world, at one density", "µs a tile"))
+draw_culling = partial(draw_curves, "A tile costs the same in a world of any size", [_PANEL])

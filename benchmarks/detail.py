@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.benchmarks.report import Column, Row, Table
+from sketchterrain.benchmarks.report import Row, Table
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.detail_law import DetailLaw, measure_detail
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
@@ -41,19 +41,16 @@ _SIDE = 720  # most samples of a truth along a side
 _RIM = 3  # samples of the cut grid at its rim that are not compared
 _SHORTEST = 3.0  # truth's samples a wavelength: shorter waves are its own filter and noise
 
-_COLUMNS = (
-    Column("dem", "DEM"),
-    Column("cut", "cut to, m"),
-    Column("method", "method"),
-    Column("lost", "lost, rms m"),
-    Column("ratio", "added / lost"),
-    *(Column(f"class_{i}", f"slope class {i + 1}") for i in range(CLASSES)),
-    Column("beta", "β − β of the truth"),
-    Column("spread", "± by lattice"),
-    Column("truth", "β of the truth"),
-    Column("bare", "β − … without"),
-    Column("moved", "farthest sample / ε"),
-)
+_HEADINGS = {
+    "cut": "cut to, m",
+    "lost": "lost, rms m",
+    "ratio": "added / lost",
+    "beta": "β − β of the truth",
+    "spread": "± by lattice",
+    "truth": "β of the truth",
+    "bare": "β − … without",
+    "moved": "farthest sample / ε",
+}
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,7 @@ def table(lattices: int) -> Table:
     # fBm gets the amplitude that suits all of them best.
     fixed = [np.log(_rms(each.lost[each.known]) / each.law.resolution) for _, each in grounds]
     rows = [row for name, each in grounds for row in each.rows(name, float(np.exp(np.mean(fixed))), lattices)]
-    return Table("Detail below the samples", _COLUMNS, tuple(rows))
+    return Table("Detail below the samples", tuple(rows), _HEADINGS)
 
 
 def _dems() -> Iterator[tuple[str, ElevationGrid]]:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -30,8 +31,8 @@ from sketchterrain.benchmarks.draped_data import (
 )
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground
-from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure, plain_numbers
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import Curves, draw_curves
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
@@ -63,43 +64,14 @@ _ROUNDS = 3  # most, of drawing a view
 _STEPS = 9  # of opacity, of the curve from share to light
 _MOVES = 0.5  # m a step of a drag
 
-_ERRORS = (
-    Column("view", "view"),
-    Column("method", "method"),
-    Column("kind", "layer"),
-    Column("range", "distance"),
-    Column("edges", "edge pixels"),
-    Column("edge_p50", "edge, median px"),
-    Column("edge_p99", "99 %"),
-    Column("kept", "share of what should be covered"),
-    Column("first_ms", "first, ms"),
-    Column("still", "drawing ÷ without layers"),
-    Column("memory_mb", "memory, MB"),
-)
-_DATA = (
-    Column("view", "view"),
-    Column("method", "method"),
-    Column("vertices", "vertices read, %"),
-    Column("most", "at a time, %"),
-    Column("raster", "pixels of the raster read, %"),
-    Column("memory_mb", "memory, MB"),
-    Column("first_ms", "first, ms"),
-)
-_MOTION = (
-    Column("motion", "motion"),
-    Column("method", "method"),
-    Column("edge_p50", "where edges move, median /255"),
-    Column("edge_p99", "99 %"),
-    Column("elsewhere", "elsewhere, 99.9 %"),
-)
-_INTERACTION = (
-    Column("what", "what"),
-    Column("count", "times"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %"),
-    Column("right", "right, %"),
-    Column("read", "vertices read"),
-)
+_ERRORS = {
+    "edge_p50": "edge, median px",
+    "kept": "share of what should be covered",
+    "still": "drawing ÷ without layers",
+}
+_DATA = {"vertices": "vertices read, %", "most": "at a time, %", "raster": "pixels of the raster read, %"}
+_MOTION = {"edge_p50": "where edges move, median /255", "elsewhere": "elsewhere, 99.9 %"}
+_INTERACTION = {"right": "right, %", "read": "vertices read"}
 
 
 class GroundView(NamedTuple):
@@ -537,43 +509,22 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         interaction = tuple(interaction_rows(terrain, folder, effort))
     return Outcome(
         (
-            Table("Errors of draped layers", _ERRORS, errors),
-            Table("Data in use", _DATA, data),
-            Table("Motion", _MOTION, motion),
-            Table("Picking and editing", _INTERACTION, interaction),
+            Table("Errors of draped layers", errors, _ERRORS),
+            Table("Data in use", data, _DATA),
+            Table("Motion", motion, _MOTION),
+            Table("Picking and editing", interaction, _INTERACTION),
         )
     )
 
 
-def draw_drapes(rows: Sequence[Row]) -> Any:
-    """Draw error against time by method, view and layer, and memory."""
-    figure = new_figure(10.0, 3.8)
-    markers = dict(zip((view.name for view in VIEWS), "os^D", strict=True))
-    areas, lines, memory = figure.subplots(1, 3)
-    for axes, kind in ((areas, "areas"), (lines, "wide lines")):
-        for hue, method in zip(HUES, COMPARED, strict=False):
-            for row in rows:
-                if (row["method"], row["kind"]) == (method, kind) and "edge_p99" in row:
-                    place = value_of(row, "first_ms") / 1e3, value_of(row, "edge_p99")
-                    style = "full" if row["range"] == "near" else "none"
-                    axes.plot(*place, markers[str(row["view"])], color=hue, fillstyle=style)
-        axes.set(xscale="log", yscale="log", xlim=(0.1, 20.0), ylim=(0.1, 3.0))
-        plain_numbers(axes.xaxis, axes.yaxis)
-        axes.set_title(f"{kind}: edge error, 99 %, px")
-        axes.set_xlabel("until the picture shows the layer, s", fontsize=SMALL)
-        axes.axhline(0.5, color="0.6", linewidth=0.7)
-    areas.text(0.11, 2.2, "filled: up to 500 m, open: beyond", fontsize=SMALL)
-    for name, marker in markers.items():
-        lines.plot([], [], marker, color="0.4", label=name)
-    lines.legend(fontsize=SMALL, loc="upper left")
-    names = [name for name in markers if any(row["view"] == name for row in rows)]
-    for hue, method in zip(HUES, COMPARED, strict=False):
-        own = [row for row in rows if row["method"] == method]
-        most = [
-            max((value_of(r, "memory_mb") for r in own if r["view"] == name), default=0.0) for name in names
-        ]
-        memory.plot(names, most, "o-", color=hue, label=method)
-    memory.set_title("memory, most, MB")
-    memory.set_ylim(bottom=0.0)
-    memory.legend(fontsize=SMALL)
-    return figure
+_PANELS = [
+    Curves(
+        *("", "first_ms", {"": "edge_p99"}),
+        by="method",
+        text="view",
+        units=("ms", "edge error, 99 %, px"),
+        asked=(0.5,),
+    ),
+    Curves("", "first_ms", {"": "memory_mb"}, by="method", text="view", units=("ms", "memory, MB")),
+]
+draw_drapes = partial(draw_curves, "Draped layers", _PANELS, each="kind")

@@ -22,7 +22,7 @@ from sketchterrain.benchmarks import detail
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.elevation_seams import generated_heights, patchwork, seam_tables
 from sketchterrain.benchmarks.flight_scene import RATE, OwnTiles, Stop, view_of
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.store import load_sketch
@@ -43,45 +43,30 @@ _PAPER = {1024: 0.75, 4096: 11.73, 16384: 196.2}  # s, one core of a Core i5 of 
 _PAPER_QUERIES = {50.0: 800.0, 0.0: 55.0}
 _QUERIES = 200
 
-_BOUNDS = (
-    Column("error", "e, m"),
-    Column("patches", "patches"),
-    Column("most", "largest error, m"),
-    Column("rms", "rms, m"),
-    Column("overlap", "patches at a point, mean"),
-    Column("overlap_most", "most"),
-    Column("histogram", "points with 1, 2, … patches, %"),
-)
-_BUILDS = (
-    Column("side", "side, samples"),
-    Column("total_s", "in memory, s"),
-    Column("paper_s", "paper, bilinear, s"),
-    Column("patches", "patches"),
-    Column("add_s", "adding a grid of 1024², s"),
-)
-_STORES = (
-    Column("side", "side, samples"),
-    Column("build_s", "file to store, s"),
-    Column("megabytes", "most memory, MB"),
-    Column("open_ms", "opening, ms"),
-    Column("far_ms", "1,000 patches at 50 m, ms"),
-    Column("together_ms", "1,000 finest ones side by side"),
-    Column("apart_ms", "anywhere"),
-    Column("add_s", "adding a grid of 1024², s"),
-    Column("bytes", "bytes a sample"),
-    Column("overhead", "over float32, %"),
-    Column("beside_finest", "over the finest level, %"),
-)
-_RATES = (
-    Column("side", "side, samples"),
-    Column("error", "e, m"),
-    Column("patches", "patches"),
-    Column("queries", "queries a second"),
-    Column("paper", "paper's"),
-    Column("surface_ms", "surface, ms"),
-    Column("rows", "points by rows, M/s"),
-    Column("random", "at random, M/s"),
-)
+_BOUNDS = {
+    "error": "e, m",
+    "most": "largest error, m",
+    "rms": "rms, m",
+    "overlap": "patches at a point, mean",
+    "histogram": "points with 1, 2, … patches, %",
+}
+_BUILDS = {"side": "side, samples", "add_s": "adding a grid of 1024², s"}
+_STORES = {
+    "side": "side, samples",
+    "far_ms": "1,000 patches at 50 m, ms",
+    "together_ms": "1,000 finest ones side by side",
+    "add_s": "adding a grid of 1024², s",
+    "bytes": "bytes a sample",
+    "overhead": "over float32, %",
+    "beside_finest": "over the finest level, %",
+}
+_RATES = {
+    "side": "side, samples",
+    "error": "e, m",
+    "queries": "queries a second",
+    "rows": "points by rows, M/s",
+    "random": "at random, M/s",
+}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -104,10 +89,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     sides = effort.elevation_sides
     return Outcome(
         (
-            Table("Exactness and bound", _BOUNDS, tuple(_bounds(sides[0]))),
-            Table("Building", _BUILDS, tuple(_build(each, effort.rounds) for each in sides)),
-            Table("Stores on disk", _STORES, tuple(_store(each) for each in sides)),
-            Table("Queries and evaluation", _RATES, tuple(_rates(sides[0]))),
+            Table("Exactness and bound", tuple(_bounds(sides[0])), _BOUNDS),
+            Table("Building", tuple(_build(each, effort.rounds) for each in sides), _BUILDS),
+            Table("Stores on disk", tuple(_store(each) for each in sides), _STORES),
+            Table("Queries and evaluation", tuple(_rates(sides[0])), _RATES),
             tile_times(context, effort),
             flight_table(tuple(_flight(context, each) for each in sides)),
             *seam_tables(effort),
@@ -287,27 +272,13 @@ _SECONDS, _BUDGET = 10.0, 8e-3  # of the flight; s a frame for generation
 _ASKED_TILES, _ASKED_BYTES = 1.3, 1600.0
 _PATCH_BYTES = 35 * 35 * 5 + 24 * 4 + 16
 
-_TILE_COLUMNS = (
-    Column("level", "level"),
-    Column("cell", "cell, m"),
-    Column("without_ms", "without data, ms"),
-    Column("smooth_ms", "with data, ms"),
-    Column("ms", "with detail, ms"),
-    Column("smooth", "with ÷ without"),
-    Column("ratio", "with detail ÷ without"),
-    Column("asked", "asked: at most"),
-)
-_FLIGHT_COLUMNS = (
-    Column("grid", "grid"),
-    Column("first_ms", "first view, ms"),
-    Column("frames", "frames"),
-    Column("ms", "ms a frame: choice and generation"),
-    Column("slow_ms", "95 % within, ms"),
-    Column("tiles", "tiles a frame"),
-    Column("first_patches", "patches of the first view"),
-    Column("bytes", "bytes of patches a frame"),
-    Column("asked", "the paper: at most"),
-)
+_TILE_HEADINGS = {"ms": "with detail, ms", "smooth": "with ÷ without", "ratio": "with detail ÷ without"}
+_FLIGHT_HEADINGS = {
+    "ms": "ms a frame: choice and generation",
+    "slow_ms": "95 % within, ms",
+    "tiles": "tiles a frame",
+    "bytes": "bytes of patches a frame",
+}
 
 
 def tile_times(context: TimedContext, effort: Effort) -> Table:
@@ -338,7 +309,7 @@ def tile_times(context: TimedContext, effort: Effort) -> Table:
                 "asked": _ASKED_TILES,
             }
         )
-    return Table(f"{_TILES} tiles of {_PRESET}", _TILE_COLUMNS, tuple(rows))
+    return Table(f"{_TILES} tiles of {_PRESET}", tuple(rows), _TILE_HEADINGS)
 
 
 def _lap(context: TimedContext, terrain: Terrain, keys: list[tuple[int, int]], level: int) -> Lap:
@@ -374,7 +345,7 @@ def flight(context: TimedContext, path: Path, side: int) -> Row:
 
 def flight_table(rows: tuple[Row, ...]) -> Table:
     """Return the table of flights."""
-    return Table(f"Flights at {_SPEED:.0f} m/s, {RATE:.0f} frames a second", _FLIGHT_COLUMNS, rows)
+    return Table(f"Flights at {_SPEED:.0f} m/s, {RATE:.0f} frames a second", rows, _FLIGHT_HEADINGS)
 
 
 def _stops(terrain: Terrain) -> Iterator[Stop]:

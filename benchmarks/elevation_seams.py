@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.report import Column, Row, Table, value_of
+from sketchterrain.benchmarks.report import Row, Table, value_of
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.mips import without_voids
@@ -39,21 +39,12 @@ _MAPTERHORN, _EROSION, _BOX = 250.0 / 30.0, 0.5, 1.25  # its 250 m, in steps of 
 _BAND = 10.0  # fine steps on each side of the rim of the fine grid
 _OWN = "patches"
 
-_COLUMNS = (
-    Column("ground", "ground"),
-    Column("degrees", "rotation, °"),
-    Column("method", "method"),
-    Column("inside", "rms inside the fine grid, m"),
-    Column("rim", "at its rim, m"),
-    Column("slope", "worst slope of the error inside"),
-    Column("rim_slope", "at the rim"),
-)
-_SUMMARY = (
-    Column("ground", "ground"),
-    Column("method", "method"),
-    *(Column(each.key, f"{each.heading}, mean") for each in _COLUMNS[3:]),
-    Column("best", "best of the four, of all angles"),
-)
+_ERRORS = {
+    "inside": "rms inside the fine grid, m",
+    "rim": "at its rim, m",
+    "slope": "worst slope of the error inside",
+    "rim_slope": "at the rim",
+}
 
 
 class _Truth(NamedTuple):
@@ -79,9 +70,8 @@ def seam_tables(effort: Effort) -> tuple[Table, Table]:
         for degrees in effort.elevation_angles
         for row in _seams(truth, degrees)
     ]
-    return Table("Seams", _COLUMNS, tuple(rows)), Table(
-        "Seams, of all angles", _SUMMARY, tuple(_summary(rows))
-    )
+    summary = tuple(_summary(rows))
+    return Table("Seams", tuple(rows), _ERRORS), Table("Seams, means of all angles", summary, _ERRORS)
 
 
 def generated_heights(side: int, seed: int = SEED) -> Float32Array:
@@ -157,7 +147,6 @@ def _seams(truth: _Truth, degrees: float) -> list[Row]:
 
 def _summary(rows: list[Row]) -> Iterator[Row]:
     """Yield means over all angles, and in how many comparisons each method is the best."""
-    keys = [each.key for each in _COLUMNS[3:]]
     grouped: dict[tuple[Any, Any], list[Row]] = defaultdict(list)
     for row in rows:
         grouped[row["ground"], row["method"]].append(row)
@@ -167,10 +156,10 @@ def _summary(rows: list[Row]) -> Iterator[Row]:
             value_of(row, key)
             == min(value_of(each, key) for each in rivals if each["degrees"] == row["degrees"])
             for row in mine
-            for key in keys
+            for key in _ERRORS
         )
-        means = {key: float(np.mean([value_of(row, key) for row in mine])) for key in keys}
-        yield {"ground": ground, "method": method, **means, "best": f"{best} of {len(mine) * len(keys)}"}
+        means = {key: float(np.mean([value_of(row, key) for row in mine])) for key in _ERRORS}
+        yield {"ground": ground, "method": method, **means, "best": f"{best} of {len(mine) * len(_ERRORS)}"}
 
 
 def _sampled(

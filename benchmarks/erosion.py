@@ -16,8 +16,17 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import RELIEF, open_ground
-from sketchterrain.benchmarks.plotting import BLUE, GREEN, PURPLE, SMALL, VERMILION, new_figure
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
+from sketchterrain.benchmarks.plotting import (
+    BLUE,
+    GREEN,
+    PURPLE,
+    SMALL,
+    VERMILION,
+    Curves,
+    draw_curves,
+    new_figure,
+)
+from sketchterrain.benchmarks.report import Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import make_recipe
@@ -45,26 +54,15 @@ _CHANNEL = 1e5  # m²: from which on slopes are those of channels
 _NORMAL_CELLS = (4.0, 16.0, 64.0)
 _NORMAL_PLACES = 4000
 
-_SHAPES = (
-    Column("method", "ground"),
-    Column("side", "side, cells"),
-    Column("ms", "time, ms"),
-    Column("solve_ms", "drained before, ms"),
-    Column("slope_50", "slope, median, °"),
-    Column("slope_90", "90 %, °"),
-    Column("slope_99", "99 %, °"),
-    Column("pits", "pits, % of cells"),
-    Column("largest", "largest catchment, % of the ground"),
-    Column("concavity", "slope falls with area^"),
-    Column("integral", "hypsometric integral"),
-)
-_NORMALS = (
-    Column("ground", "ground"),
-    Column("cell_size", "cell, m"),
-    Column("method", "normals"),
-    Column("median_deg", "median error, °"),
-    Column("p95_deg", "95 %, °"),
-)
+_SHAPES = {
+    "slope_50": "slope, median, °",
+    "slope_90": "90 %, °",
+    "slope_99": "99 %, °",
+    "pits": "pits, % of cells",
+    "largest": "largest catchment, % of the ground",
+    "concavity": "slope falls with area^",
+    "integral": "hypsometric integral",
+}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -108,8 +106,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     rows.append(_simulated(noise))
     return Outcome(
         (
-            Table("What comes out", _SHAPES, tuple(rows)),
-            Table("Normals", _NORMALS, tuple(_normals({_PLAIN: plain, _ERODED: eroded}, axis))),
+            Table("What comes out", tuple(rows), _SHAPES),
+            Table("Normals", tuple(_normals({_PLAIN: plain, _ERODED: eroded}, axis))),
         )
     )
 
@@ -290,21 +288,6 @@ def draw_erosion(rows: Sequence[Row]) -> Any:
     return figure
 
 
-def draw_normals(rows: Sequence[Row]) -> Any:
-    """Median errors of normals, and their 95th percentiles as whiskers, by cell size."""
-    figure = new_figure(7.0, 3.2)
-    panels = figure.subplots(1, 2, sharey=True)
-    grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
-    for ground, axes in zip(grounds, panels, strict=True):
-        for method, colour in (("finite differences", BLUE), ("analytic", VERMILION)):
-            mine = [row for row in rows if row["ground"] == ground and row["method"] == method]
-            cells = [value_of(row, "cell_size") for row in mine]
-            middle, most = ([value_of(row, key) for row in mine] for key in ("median_deg", "p95_deg"))
-            axes.plot(cells, middle, "o-", color=colour, markersize=3.5, label=f"{method}, median")
-            axes.plot(cells, most, "^:", color=colour, markersize=3.5, label="95 %")
-        axes.set(xscale="log", yscale="log", xlabel="cell, m", title=ground.capitalize())
-        axes.set_xticks(cells, [f"{cell:g}" for cell in cells])
-        axes.minorticks_off()
-    panels[0].set_ylabel("error of normals, degrees")
-    panels[1].legend(fontsize=SMALL)
-    return figure
+_ERRORS = {"median": "median_deg", "95 %": "p95_deg"}
+_PANEL = Curves("", "cell_size", _ERRORS, by="method", units=("cell, m", "error of normals, degrees"))
+draw_normals = partial(draw_curves, "Normals", [_PANEL], each="ground")

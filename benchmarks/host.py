@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, Final
 
 from sketchterrain.benchmarks import host_drainage, host_elevation, host_flow, host_mesh, host_painting
-from sketchterrain.benchmarks.report import Column, Row, Table
+from sketchterrain.benchmarks.report import Row, Table
 from sketchterrain.benchmarks.timing import Lap, alternate, lap, spread
 from sketchterrain.host.library import HostFunction, host_function
 
@@ -19,14 +19,6 @@ SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
 }
 """Functions of fresh arguments by the side of a raster or a number of items."""
 
-_COLUMNS = (
-    Column("loop", "loop"),
-    Column("side", "cells a side"),
-    Column("rounds", "rounds"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-)
-
 
 def times(side: int, rounds: int) -> Table:
     """Time each loop on its sample, on one thread; a sample is of a raster of so many cells a side."""
@@ -35,7 +27,7 @@ def times(side: int, rounds: int) -> Table:
     for name, laps in alternate(works, rounds=rounds).items():
         seconds = [one.wall for one in laps]
         rows.append({"loop": name, "side": side, **spread(seconds).cells(), "seconds": seconds})
-    return Table("Loops on the host", _COLUMNS, tuple(rows))
+    return Table("Loops on the host", tuple(rows))
 
 
 def _lap(function: HostFunction, arguments: tuple[Any, ...]) -> Lap:

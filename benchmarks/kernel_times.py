@@ -14,7 +14,7 @@ from sketchterrain.benchmarks.appearance_error import AT, GROUND, kernel_drapes,
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.splines import KERNELS, SplineQueries, splines_and_places
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
@@ -35,20 +35,6 @@ SIZES = (16, 32, 64, 128)
 
 _SIZED = ("patches", "surfaces")  # kernels that are timed by size
 
-_COLUMNS = (
-    Column("device", "device"),
-    Column("kernel", "kernel"),
-    Column("ground", "ground"),
-    Column("level", "level"),
-    Column("quads", "quads a side"),
-    Column("tiles", "tiles"),
-    Column("launches", "launches"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("million_vertices_per_s", "M vertices/s"),
-    Column("gigabytes_per_s", "GB/s written"),
-)
-
 
 def _size_table(context: TimedContext, effort: Effort) -> Table:
     """Measure squares of the same ground cut into tiles of each size, on every device there is."""
@@ -57,7 +43,7 @@ def _size_table(context: TimedContext, effort: Effort) -> Table:
         same = device.index == context.device.index
         opened = context if same else TimedContext(str(device.index), fast=context.fast)
         rows += _rows(opened, effort)
-    return Table("Tiles' kernels by size, level and device", _COLUMNS, tuple(rows))
+    return Table("Tiles' kernels by size, level and device", tuple(rows))
 
 
 def _rows(context: TimedContext, effort: Effort) -> list[Row]:
@@ -158,19 +144,6 @@ WRITTEN: Mapping[str, float] = {
 }
 """Bytes that a work item writes, for every kernel in ``kernels/*.cl``."""
 
-_TIME_COLUMNS = (
-    Column("kernel", "kernel"),
-    Column("ground", "ground"),
-    Column("level", "level"),
-    Column("launches", "launches"),
-    Column("items", "items a launch"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("ns_per_item", "ns an item"),
-    Column("million_items_per_s", "M items/s"),
-    Column("gigabytes_per_s", "GB/s written"),
-)
-
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Device time of a launch of every kernel, by profiling events.
@@ -198,7 +171,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     rows = [row for case in works for row in _time_rows(case, laps[case])]
     order = list(WRITTEN)
     rows.sort(key=lambda row: order.index(str(row["kernel"])))
-    tables = Table("Kernels", _TIME_COLUMNS, tuple(rows)), _size_table(context, effort)
+    tables = Table("Kernels", tuple(rows)), _size_table(context, effort)
     return Outcome((*tables, host.times(effort.host_side, effort.rounds)))
 
 

@@ -28,8 +28,13 @@ from sketchterrain.benchmarks.landform_grounds import (
     painted_sketch,
     timed,
 )
-from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, ORANGE, PURPLE, SMALL, VERMILION, new_figure
-from sketchterrain.benchmarks.report import Cell, Column, Outcome, Row, Table, samples_of, value_of
+from sketchterrain.benchmarks.plotting import (
+    BarPanel,
+    Curves,
+    draw_bars,
+    draw_curves,
+)
+from sketchterrain.benchmarks.report import Cell, Outcome, Row, Table, value_of
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
@@ -55,36 +60,20 @@ _BAR = 1.63  # distance of 95 % of real windows
 _DESERTS = dict.fromkeys(("canyon_mesa", "desert_mountains"), ("desert mountains 90 m",))
 _RASTER, _ROUNDS, _LIMIT, _PEER = "raster", "rounds", "height limit", "others"
 
-_TRADE = (
-    Column("varied", "varied"),
-    Column("value", "value"),
-    Column("ms", "time, ms"),
-    Column("distance", "distance to real land"),
-    Column("passes", "windows that pass, %"),
-    Column("iou", "adherence, mean IoU"),
-    Column("steepest", "steepest 5 %, °"),
-    Column("hollows", "hollows, %"),
-)
-_TERRAINS = (
-    Column("terrain", "terrain"),
-    Column("where", "where"),
-    Column("cell", "cell, m"),
-    Column("windows", "windows"),
-    Column("distance", "distance to real land"),
-    Column("passes", "pass, %"),
-    Column("kind", "nearest kind"),
-    Column("failed", "failed gates"),
-)
-_STABILITY = (
-    Column("change", "change"),
-    Column("cases", "cases"),
-    Column("far", "far ground moved, %"),
-    Column("far_worst", "worst"),
-    Column("moved", "all ground moved, %"),
-    Column("rms", "rms, % of relief"),
-    Column("summits", "summits moved, cells"),
-    Column("summits_worst", "worst"),
-)
+_TRADE = {
+    "distance": "distance to real land",
+    "passes": "windows that pass, %",
+    "iou": "adherence, mean IoU",
+    "steepest": "steepest 5 %, °",
+    "hollows": "hollows, %",
+}
+_TERRAINS = {"distance": "distance to real land", "passes": "pass, %"}
+_STABILITY = {
+    "far": "far ground moved, %",
+    "moved": "all ground moved, %",
+    "rms": "rms, % of relief",
+    "summits": "summits moved, cells",
+}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -112,9 +101,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     trade, usual, others = _trade_offs(context, sketches, effort)
     return Outcome(
         (
-            Table("Realism, adherence, time", _TRADE, tuple(trade)),
-            Table("Realism of terrains", _TERRAINS, tuple(_terrains(context, sketches, effort))),
-            Table("Stability", _STABILITY, tuple(_stability(sketches, usual, others, effort))),
+            Table("Realism, adherence, time", tuple(trade), _TRADE),
+            Table("Realism of terrains", tuple(_terrains(context, sketches, effort)), _TERRAINS),
+            Table("Stability", tuple(_stability(sketches, usual, others, effort)), _STABILITY),
         )
     )
 
@@ -357,77 +346,32 @@ def _summits(ground: DrainedSketch) -> list[float]:
 
 # Charts ---------------------------------------------------------------------------------------------------
 
-_HUES = {_RASTER: BLUE, _ROUNDS: VERMILION, _LIMIT: GREEN, _PEER: PURPLE}
 
-
-_LEGENDS = {
-    _RASTER: "nodes of the raster",
-    _ROUNDS: "rounds of the coarsest level",
-    _LIMIT: "height limit, inradii",
-    _PEER: "others",
-}
-
-
-def draw_trade_offs(rows: Sequence[Row]) -> Any:
-    """Distance to real land against time and against adherence, a line for each thing that is varied."""
-    figure = new_figure(11.0, 4.4, "Realism against time and adherence: down is better")
-    time, adherence = figure.subplots(1, 2, sharey=True)
-    for varied, colour in _HUES.items():
-        mine = [row for row in rows if row["varied"] == varied and row.get("distance") is not None]
-        shift = (4, -10) if varied == _ROUNDS else (4, 4)
-        for axes, key in ((time, "ms"), (adherence, "iou")):
-            known = [row for row in mine if row.get(key) is not None]
-            places = [(value_of(row, key), value_of(row, "distance")) for row in known]
-            if not places:
-                continue
-            line = "o" if varied == _PEER else "o-"
-            axes.plot(*zip(*places, strict=True), line, color=colour, markersize=4.5, label=_LEGENDS[varied])
-            for row, at in zip(known, places, strict=True):
-                label = str(row["value"]).split(",")[0]
-                axes.annotate(label, at, shift, textcoords="offset points", fontsize=SMALL, color=colour)
-    for axes in (time, adherence):
-        axes.axhline(_BAR, color=INK, linewidth=0.8, linestyle=":")
-    time.set(xscale="log", xlabel="processor time, ms", ylabel="distance to real land", title="Time")
-    adherence.set(xlabel="mean IoU of painted shapes", title="Adherence")
-    time.legend(fontsize=SMALL)
-    return figure
-
-
-def draw_terrains(rows: Sequence[Row]) -> Any:
-    """Distances to real land, a line a terrain; left of the dotted one are 95 % of real windows."""
-    names = list(dict.fromkeys(str(row["terrain"]) for row in rows))
-    figure = new_figure(8.0, 1.2 + 0.3 * len(names), "Distance to real land of terrains: left is better")
-    axes = figure.subplots()
-    marks = {("sketch", 30.0): (VERMILION, "o"), ("20 km away", 30.0): (BLUE, "o")}
-    marks |= {("sketch", 90.0): (ORANGE, "s"), ("20 km away", 90.0): (GREEN, "s")}
-    for (where, cell), (colour, mark) in marks.items():
-        mine = [row for row in rows if row["where"] == where and row["cell"] == cell and row["windows"]]
-        places = [names.index(str(row["terrain"])) for row in mine]
-        label = f"{where}, {cell:g} m"
-        axes.plot([value_of(row, "distance") for row in mine], places, mark, color=colour, label=label)
-    axes.axvline(_BAR, color=INK, linewidth=0.8, linestyle=":")
-    axes.set_yticks(range(len(names)), names)
-    axes.set(xlim=(0, None), xlabel="distance, medians of windows")
-    axes.invert_yaxis()
-    axes.legend(fontsize=SMALL, loc="lower left")
-    return figure
-
-
-def draw_stability(rows: Sequence[Row]) -> Any:
-    """Shares of ground that moves by more than 1 m and rms over relief, a line a change."""
-    figure = new_figure(10.0, 1.2 + 0.35 * len(rows), "What a change moves: left is better")
-    share, rms = figure.subplots(1, 2, sharey=True)
-    for line, row in enumerate(rows):
-        for key, colour in (("moved", BLUE), ("far", VERMILION)):
-            label = {"moved": "all ground", "far": "far from the change"}[key] if line == 0 else None
-            samples = samples_of(row, f"{key}_samples")
-            share.plot(samples, [line] * len(samples), "|", color=colour, alpha=0.5)
-            if row.get(key) is not None:
-                share.plot(value_of(row, key), line, "o", color=colour, markersize=5, label=label)
-        rms.barh(line, value_of(row, "rms"), color=BLUE, height=0.6)
-    share.set_yticks(range(len(rows)), [str(row["change"]) for row in rows])
-    share.set(xlim=(-2, 102), xlabel="% that moves by more than 1 m; circles: medians")
-    rms.set(xlabel="rms, % of the relief")
-    share.invert_yaxis()
-    share.legend(fontsize=SMALL)
-    return figure
+_TRADES = [
+    Curves(
+        "",
+        "ms",
+        {"": "distance"},
+        by="varied",
+        text="value",
+        units=("ms", "distance to real land"),
+        asked=(_BAR,),
+    ),
+    Curves(
+        "",
+        "iou",
+        {"": "distance"},
+        by="varied",
+        text="value",
+        units=("mean IoU of shapes", ""),
+        asked=(_BAR,),
+    ),
+]
+draw_trade_offs = partial(draw_curves, "Realism against time and adherence: down is better", _TRADES)
+_DISTANCES = [BarPanel("", "distance to real land, median of windows", {"": "distance"}, asked=(_BAR,))]
+draw_terrains = partial(draw_bars, "Terrains", _DISTANCES, ("terrain", "where", "cell"))
+_MOVES = [
+    BarPanel("Ground moved by over 1 m", "%, median", {"all": "moved", "far from the change": "far"}),
+    BarPanel("rms", "% of the relief", {"rms": "rms"}),
+]
+draw_stability = partial(draw_bars, "What a change moves", _MOVES, ("change",))

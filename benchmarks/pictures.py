@@ -14,8 +14,8 @@ import numpy as np
 from skimage.color import deltaE_ciede2000, rgb2lab
 from skimage.measure import block_reduce
 
-from sketchterrain.benchmarks.plotting import HUES, SMALL, BarPanel, draw_bars, new_figure
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import BarPanel, Curves, draw_bars, draw_curves
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import run_program, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
@@ -47,49 +47,14 @@ NUDGE: Final = 1e-3
 SETTLING: Final = (12, 0.5)
 """Frames, and s a frame, after which a moving picture has all that it shows."""
 
-_QUALITIES = (
-    Column("opengl", "OpenGL"),
-    Column("view", "view"),
-    Column("number", "quality"),
-    Column("still_ms", "whole picture, ms"),
-    Column("still_difference", "its difference, ΔE"),
-    Column("moving_ms", "frame in motion, ms"),
-    Column("moving_difference", "its difference, ΔE"),
-    Column("prepare_ms", "from nothing, ms"),
-    Column("triangles", "triangles"),
-    Column("note", "note"),
-)
-_WITHOUT = (
-    Column("part", "part left out"),
-    Column("view", "view"),
-    Column("spared_ms", "spared, ms"),
-    Column("share", "of the whole, %"),
-    Column("difference", "difference, ΔE"),
-)
+_QUALITIES = {"number": "quality", "still_ms": "whole picture, ms"}
+_WITHOUT = {"share": "of the whole, %"}
 FLIGHT_RATE: Final = 20.0
 """Frames a second of the automatic flight, as asked of two cores at 1280 × 720."""
 _WARM_UP: Final = 60  # frames of up to a second, at most, until the first picture is complete
 _CHANGE: Final = 8  # of 255, from which a pixel counts as changed
 _STAGES: Final = ("generation", "light", "plant", "draw")
-_MOTION = (
-    Column("preset", "preset"),
-    Column("size", "px"),
-    Column("fps", "frames a second"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    *(Column(f"{stage}_ms", f"{stage}, ms") for stage in _STAGES),
-    Column("within", "tiles within the budget, % of frames"),
-    Column("triangles", "triangles"),
-    Column("difference", "difference from stills, ΔE"),
-    Column("plants_moving", "plants, px"),
-    Column("plants_still", "in stills, px"),
-)
-_PREVIEWS = (
-    Column("preset", "preset"),
-    Column("seconds", "s"),
-    Column("preview_s", "preview alone, s"),
-    Column("megabytes", "most memory, MB"),
-)
+_MOTION = {"within": "tiles within the budget, % of frames"}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -145,10 +110,10 @@ def _outcome(
     size = "{} × {}".format(*effort.picture_size)
     return Outcome(
         (
-            Table(f"Pictures by quality, {size}", _QUALITIES, tuple(qualities)),
-            Table(f"Parts of a picture of quality 1, {size}", _WITHOUT, tuple(parts)),
-            Table("In motion", _MOTION, tuple(motion)),
-            Table(f"`generate`, {effort.batch_size} vertices along a side", _PREVIEWS, tuple(previews)),
+            Table(f"Pictures by quality, {size}", tuple(qualities), _QUALITIES),
+            Table(f"Parts of a picture of quality 1, {size}", tuple(parts), _WITHOUT),
+            Table("In motion", tuple(motion), _MOTION),
+            Table(f"`generate`, {effort.batch_size} vertices along a side", tuple(previews)),
         )
     )
 
@@ -339,39 +304,6 @@ def _preview_row(preset: str, effort: Effort, device: Sequence[str]) -> Row:
     }
 
 
-def draw_qualities(rows: Sequence[Row]) -> Any:
-    """Draw the time of a picture by its quality, and its difference from the best against that time."""
-    known = [row for row in rows if row["opengl"] != "absent"]
-    drivers = ", ".join(dict.fromkeys(str(row["opengl"]) for row in known))
-    figure = new_figure(11.0, 6.4, f"Pictures by {drivers or 'no OpenGL'}")
-    panels = figure.subplots(2, 2)
-    views = list(dict.fromkeys(str(row["view"]) for row in known))
-    kinds = (("still", "whole picture"), ("moving", "frame in motion"))
-    for (kind, title), (left, right) in zip(kinds, panels, strict=True):
-        for view, hue in zip(views, HUES, strict=False):
-            of_view = sorted((row for row in known if row["view"] == view), key=_number)
-            numbers = [_number(row) for row in of_view]
-            times = [value_of(row, f"{kind}_ms") for row in of_view]
-            differences = [value_of(row, f"{kind}_difference") for row in of_view]
-            left.plot(numbers, times, color=hue, marker="o", markersize=3.5, linewidth=1.3, label=view)
-            right.plot(times, differences, color=hue, marker="o", markersize=3.5, linewidth=1.3)
-            for number, time, apart in zip(numbers, times, differences, strict=True):
-                right.annotate(f" {number:g}", (time, apart), fontsize=SMALL, color=hue)
-        left.set(title=f"{title}: time", xlabel="quality", ylabel="ms", yscale="log")
-        right.set(title=f"{title}: difference from the best", xlabel="ms", ylabel="ΔE 2000", xscale="log")
-        right.set_ylim(bottom=0.0)
-        for axis in (left.yaxis, right.xaxis):
-            axis.set_major_formatter(lambda value, _: f"{value:g}")
-            axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:g}"[0] in "25" else "")
-    series = panels[0][0].get_legend_handles_labels()
-    figure.legend(*series, loc="outside lower center", ncols=4, fontsize=SMALL)
-    return figure
-
-
-def _number(row: Row) -> float:
-    return value_of(row, "number")
-
-
 _MOTION_PANELS = (
     BarPanel("Rate", "frames a second", {"mean": "fps"}, asked=(FLIGHT_RATE, 25.0)),
     BarPanel("Stages of a frame", "ms, mean", {stage: f"{stage}_ms" for stage in _STAGES}),
@@ -388,3 +320,20 @@ _PART_PANELS = (
 draw_parts = partial(draw_bars, "Parts of a picture of quality 1", _PART_PANELS, ("part",))
 draw_motion = partial(draw_bars, "In motion over the automatic flight", _MOTION_PANELS, ("preset", "size"))
 draw_previews = partial(draw_bars, "generate with its preview", _PREVIEW_PANELS, ("preset",))
+
+
+_QUALITY_PANELS = [
+    Curves(
+        *(title, x, {"": y}),
+        by="view",
+        text="" if x == "number" else "number",
+        units=units,
+        scales=scales,
+    )
+    for kind, title in (("still", "whole picture"), ("moving", "frame in motion"))
+    for x, y, units, scales in (
+        ("number", f"{kind}_ms", ("quality", "ms"), ("linear", "log")),
+        (f"{kind}_ms", f"{kind}_difference", ("ms", "ΔE 2000 to the best"), ("log", "linear")),
+    )
+]
+draw_qualities = partial(draw_curves, "Pictures by quality", _QUALITY_PANELS)

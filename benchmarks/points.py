@@ -1,6 +1,7 @@
 """Blue noise: rate, remaining space and spectra of Poisson-disk methods."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Final, TypeVar
 
 from sketchterrain.benchmarks.baselines.points import throw_darts
@@ -14,8 +15,9 @@ from sketchterrain.benchmarks.plotting import (
     PURPLE,
     SMALL,
     VERMILION,
+    Curves,
+    draw_curves,
     new_figure,
-    plain_numbers,
 )
 from sketchterrain.benchmarks.point_methods import (
     OURS,
@@ -32,7 +34,7 @@ from sketchterrain.benchmarks.point_methods import (
     thesis,
 )
 from sketchterrain.benchmarks.poisson_disk import TRIALS
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, samples_of, value_of
+from sketchterrain.benchmarks.report import Outcome, Row, Table, samples_of, value_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
@@ -59,56 +61,15 @@ _QUICK = 0.1  # s a lap
 _MORE = 2  # times as many rounds of quick laps
 _AROUND = 8.0  # distances more than the spectrum's square: its middle is taken
 
-_TABLE_6_1_COLUMNS = (
-    Column("distance", "r"),
-    Column("trials", "k"),
-    Column("points", "points"),
-    Column("rounds", "rounds"),
-    Column("million_per_s", "this program, M points/s"),
-    Column("p95_ms", "95 %, ms"),
-    Column("fill", "fill"),
-    Column("thesis_million_per_s", "the thesis's way here, M points/s"),
-    Column("thesis_fill", "its fill"),
-    Column("gtx_million_per_s", "the thesis's on a GTX 580, M points/s"),
-    Column("over_thesis", "this program is so many times as fast: here"),
-    Column("over_gtx", "as the GTX 580"),
-)
-_ROOM_COLUMNS = (
-    Column("way", "way"),
-    Column("trials", "k"),
-    Column("side", "side, r"),
-    Column("points", "points"),
-    Column("rounds", "rounds"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("million_per_s", "M points/s"),
-    Column("fill", "fill"),
-    Column("room", "room left, %"),
-    Column("equal_trials", "this program as full: k"),
-    Column("ours_over_it", "so many times as fast"),
-    Column("asked", "asked"),
-    Column("note", "note"),
-)
-_LARGE_COLUMNS = (
-    Column("side", "side, r"),
-    Column("trials", "k"),
-    Column("points", "points"),
-    Column("rounds", "rounds"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("million_per_s", "M points/s"),
-    Column("launch_million_per_s", "launches alone, M points/s"),
-)
-_SPECTRUM_COLUMNS = (
-    Column("way", "way"),
-    Column("trials", "k"),
-    Column("sets", "sets"),
-    Column("points", "points a set"),
-    Column("fill", "fill"),
-    Column("worst", "worst band's anisotropy, dB"),
-    Column("worst_frequency", "at, waves a distance"),
-    Column("power_difference", "power: largest difference from as many darts"),
-)
+_TABLE_6_1_HEADINGS = {"distance": "r", "trials": "k"}
+_ROOM_HEADINGS = {
+    "trials": "k",
+    "side": "side, r",
+    "room": "room left, %",
+    "ours_over_it": "so many times as fast",
+}
+_LARGE_HEADINGS = {"side": "side, r", "trials": "k"}
+_SPECTRUM_HEADINGS = {"trials": "k", "worst": "worst band's anisotropy, dB"}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -159,7 +120,7 @@ def _table_6_1(context: TimedContext, effort: Effort) -> Table:
                 "over_gtx": value_of(row, "million_per_s") / known if known else None,
             }
         )
-    return Table(f"Table 6.1 of the thesis on {effort.point_side:g}²", _TABLE_6_1_COLUMNS, tuple(rows))
+    return Table(f"Table 6.1 of the thesis on {effort.point_side:g}²", tuple(rows), _TABLE_6_1_HEADINGS)
 
 
 def _room(context: TimedContext, effort: Effort) -> Table:
@@ -182,7 +143,7 @@ def _room(context: TimedContext, effort: Effort) -> Table:
     rows = [{**row, "note": "the default" if row["trials"] == TRIALS else None} for row in ours]
     rows += [{**row, **_compared(row, ours)} for row in others]
     rows += [{"way": one.name, "note": f"absent: {one.reason}"} for one in absent]
-    return Table(f"Room left on {side:g} × {side:g} distances", _ROOM_COLUMNS, tuple(rows))
+    return Table(f"Room left on {side:g} × {side:g} distances", tuple(rows), _ROOM_HEADINGS)
 
 
 def _compared(row: Row, ours: Sequence[Row]) -> Row:
@@ -216,7 +177,7 @@ def _spectra(context: TimedContext, effort: Effort) -> Table:
         count = round(found.points / SIDE**2 * side**2)
         as_many = spectrum_of([thrown[:count] for thrown in darts])
         rows.append(_spectrum_row(method.name, method.trials, found, as_many, effort))
-    return Table(f"Spectrum of {len(seeds)} sets", _SPECTRUM_COLUMNS, tuple(rows))
+    return Table(f"Spectrum of {len(seeds)} sets", tuple(rows), _SPECTRUM_HEADINGS)
 
 
 def _large(context: TimedContext, effort: Effort) -> Table:
@@ -228,7 +189,7 @@ def _large(context: TimedContext, effort: Effort) -> Table:
         row, device = _rate(method, laps[cell]), spread([lap.device for lap in laps[cell]]).median
         rate = value_of(row, "points") / device * 1e-6
         rows.append({"side": method.side, **row, "launch_million_per_s": rate})
-    return Table("More points", _LARGE_COLUMNS, tuple(rows))
+    return Table("More points", tuple(rows), _LARGE_HEADINGS)
 
 
 def _spectrum_row(name: str, trials: int | None, found: Spectrum, darts: Spectrum, effort: Effort) -> Row:
@@ -271,83 +232,14 @@ def _rate(method: ScatterMethod, laps: Sequence[Lap]) -> Row:
         "points": len(points),
         **times.cells(),
         "million_per_s": len(points) / times.median * 1e-6,
+        "us_per_point": times.median / len(points) * 1e6,
         "fill": fill_of(points, method.side),
         "seconds": samples,
     }
 
 
 _LIBRARY_HUES = (ORANGE, PURPLE, GREEN, INK)
-_RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 _IDEAL, _ASKED = -13.0, -11.0  # dB, of twenty sets; the worst that is asked for
-_ASKED_ROOM = 1.0  # %
-_LEAST_ROOM = 1e-3  # %; what is less stands there
-
-
-def draw_table_6_1(rows: Sequence[Row]) -> Any:
-    """Draw points a second against r, a panel a number of darts: of both ways, and the thesis's figures."""
-    trials = list(dict.fromkeys(row["trials"] for row in rows))
-    title = "Table 6.1 of the thesis: up is better. r: the least distance; k: darts a cell."
-    figure = new_figure(10.0, 4.0, title)
-    panels = figure.subplots(1, len(trials), squeeze=False, sharey=True)[0]
-    series = (
-        ("million_per_s", OURS, BLUE, "o-"),
-        ("thesis_million_per_s", f"{THESIS} here", GREY, "s-"),
-        ("gtx_million_per_s", "its figure, GTX 580", VERMILION, "D--"),
-    )
-    for k, axes in zip(trials, panels, strict=True):
-        of_k = [row for row in rows if row["trials"] == k]
-        distances = [value_of(row, "distance") for row in of_k]
-        for key, name, colour, style in series:
-            rates = [value_of(row, key) or float("nan") for row in of_k]
-            axes.plot(distances, rates, style, color=colour, markersize=4.5, linewidth=1.4, label=name)
-        axes.set(xscale="log", yscale="log", title=f"k = {k}", xlabel="r")
-        axes.set_xticks(distances, [f"{distance:g}" for distance in distances])
-        axes.xaxis.minorticks_off()
-    rates = [value_of(row, key) for row in rows for key, *_ in series if value_of(row, key)]
-    low, high = min(rates) / 1.5, max(rates) * 1.5
-    ticks = [tick for tick in _RATES if low < tick < high]
-    panels[0].set_ylim(low, high)
-    panels[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    panels[0].yaxis.minorticks_off()
-    panels[0].set_ylabel("million points a second")
-    panels[-1].legend(fontsize=SMALL)
-    return figure
-
-
-def draw_room(rows: Sequence[Row]) -> Any:
-    """Draw the room that is left against darts a cell and against time, with the default in a ring."""
-    known = [row for row in rows if row.get("room") is not None]
-    title = "Ground where another point would still fit. Down and left is better."
-    figure = new_figure(10.0, 4.4, title)
-    panels = figure.subplots(1, 2, sharey=True)
-    names = list(dict.fromkeys(str(row["way"]) for row in known))
-    colours = {OURS: BLUE, THESIS: GREY}
-    colours |= dict(zip((name for name in names if name not in colours), _LIBRARY_HUES, strict=False))
-    default = next(row for row in known if row.get("note"))
-    for axes, key, label in zip(panels, ("trials", "us_per_point"), ("darts, k", "µs a point"), strict=True):
-        for name in names:
-            of_way = [row for row in known if row["way"] == name]
-            room = [max(value_of(row, "room"), _LEAST_ROOM) for row in of_way]
-            style = "o-" if len(of_way) > 1 else "o"
-            axes.plot(
-                [_abscissa(row, key) for row in of_way],
-                room,
-                style,
-                color=colours[name],
-                markersize=4.5,
-                linewidth=1.4,
-                label=name,
-            )
-        place = _abscissa(default, key), max(value_of(default, "room"), _LEAST_ROOM)
-        axes.plot(*place, "o", color=BLUE, markersize=11, fillstyle="none")
-        label_style: Any = {"textcoords": "offset points", "color": BLUE, "fontsize": SMALL, "ha": "right"}
-        axes.annotate("default", place, (-7, -12), **label_style)
-        axes.axhline(_ASKED_ROOM, color=VERMILION, linestyle=":", linewidth=1.2)
-        axes.set(xscale="log", yscale="log", xlabel=label)
-        plain_numbers(axes.xaxis, axes.yaxis)
-    panels[0].set_ylabel("room left, % of the ground; dotted: asked")
-    panels[1].legend(fontsize=SMALL)
-    return figure
 
 
 def draw_spectra(rows: Sequence[Row]) -> Any:
@@ -377,5 +269,11 @@ def draw_spectra(rows: Sequence[Row]) -> Any:
     return figure
 
 
-def _abscissa(row: Row, key: str) -> float:
-    return 1.0 / value_of(row, "million_per_s") if key == "us_per_point" else value_of(row, key)
+_RATES = {OURS: "million_per_s", f"{THESIS} here": "thesis_million_per_s", "GTX 580": "gtx_million_per_s"}
+_TABLE_6_1 = [Curves("", "distance", _RATES, units=("r", "million points a second"))]
+draw_table_6_1 = partial(draw_curves, "Table 6.1 of the thesis, by darts a cell", _TABLE_6_1, each="trials")
+_ROOM = [
+    Curves("", key, {"": "room"}, by="way", units=(unit, "room left, % of the ground"), asked=(1.0,))
+    for key, unit in (("trials", "darts, k"), ("us_per_point", "µs a point"))
+]
+draw_room = partial(draw_curves, "Ground where another point would still fit", _ROOM)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from rich import box
@@ -17,21 +17,43 @@ Row: TypeAlias = "Mapping[str, Cell]"
 """Values by key; keys that no column names are only in the raw numbers."""
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column that is shown: the rows' key, and its heading with the unit."""
-
-    key: str
-    heading: str
+_UNITS = {"us": "µs", "mb": "MB", "gb": "GB", "deg": "°"} | {
+    each: each for each in ("ms", "s", "mm", "km", "px")
+}
+_WORDS = {"p50": "median", "p90": "90 %", "p95": "95 %", "p99": "99 %", "us": "µs"}
+_HEADINGS = {
+    "cell": "cell, m",
+    "cell_size": "cell, m",
+    "texel": "texel, m",
+    "megabytes": "most memory, MB",
+    "difference": "difference, ΔE",
+}
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of raw numbers and the columns to show of them."""
+    """Rows of numbers by key, shown under headings: given ones, or what the key says, as in ``p95_ms``."""
 
     title: str
-    columns: tuple[Column, ...]
     rows: tuple[Row, ...]
+    headings: Mapping[str, str] = field(default_factory=dict)
+    hidden: Container[str] = ()
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys that are shown: of all but samples, in the rows' order."""
+        every = {key: None for row in self.rows for key in row if key not in self.hidden}
+        samples = {key for row in self.rows for key, cell in row.items() if isinstance(cell, (list, tuple))}
+        return [key for key in every if key not in samples]
+
+    def heading(self, key: str) -> str:
+        """Return a key's heading, with its unit."""
+        if key in self.headings or key in _HEADINGS:
+            return self.headings.get(key) or _HEADINGS[key]
+        *words, last = [_WORDS.get(word, word) for word in key.split("_")]
+        if last in _UNITS and words:
+            return f"{' '.join(words)}, {_UNITS[last]}"
+        return " ".join([*words, last])
 
 
 @dataclass(frozen=True)
@@ -73,33 +95,28 @@ def shown(cell: Cell) -> str:
 
 def markdown(table: Table) -> str:
     """Return a table in Markdown, under its title; numbers are set to the right."""
-    numeric = [_is_numeric(table, column.key) for column in table.columns]
+    numeric = [_is_numeric(table, key) for key in table.keys]
     lines = [
         f"### {table.title}",
         "",
-        _line(column.heading for column in table.columns),
+        _line(map(table.heading, table.keys)),
         _line("---:" if right else ":---" for right in numeric),
     ]
-    lines += [_line(shown(row.get(column.key)) for column in table.columns) for row in table.rows]
+    lines += [_line(shown(row.get(key)) for key in table.keys) for row in table.rows]
     return "\n".join(lines) + "\n"
 
 
 def terminal(table: Table) -> RichTable:
     """Return a table for rich to print."""
     result = RichTable(title=table.title, title_justify="left", box=box.SIMPLE_HEAD)
-    for column in table.columns:
-        right = _is_numeric(table, column.key)
-        widest = max(
-            len(word) for row in [column.heading, *_texts(table, column.key)] for word in row.split()
-        )
-        result.add_column(column.heading, justify="right" if right else "left", min_width=widest)
+    for key in table.keys:
+        heading, right = table.heading(key), _is_numeric(table, key)
+        texts = [heading, *(shown(row.get(key)) for row in table.rows)]
+        widest = max(len(word) for text in texts for word in text.split())
+        result.add_column(heading, justify="right" if right else "left", min_width=widest)
     for row in table.rows:
-        result.add_row(*(shown(row.get(column.key)) for column in table.columns))
+        result.add_row(*(shown(row.get(key)) for key in table.keys))
     return result
-
-
-def _texts(table: Table, key: str) -> list[str]:
-    return [shown(row.get(key)) for row in table.rows]
 
 
 def _is_numeric(table: Table, key: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import groupby
@@ -18,8 +18,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.plotting import HUES, SKY, SMALL, new_figure
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import Curves, draw_curves
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.road_methods import METHODS, Problem, RoadSamples, road_samples
 from sketchterrain.benchmarks.timing import TimedContext, alternate
 from sketchterrain.document.rasters import raster_source
@@ -53,17 +53,8 @@ _CELL = 2.0  # m, of the ground that roads are laid on
 _TILES = 64
 _MOVED = np.array([12.0, 16.0])  # m by which nodes are moved
 
-_PROFILES = (
-    Column("method", "method"),
-    Column("over", "over the limit by > 0.1 %: % of samples"),
-    Column("p50", "grade, median"),
-    Column("p95", "95 %"),
-    Column("most", "largest"),
-    Column("rms", "cut and fill, rms m"),
-    Column("p90", "90 %"),
-    Column("p99", "99 %"),
-    Column("seconds", "s"),
-)
+_PROFILES = {"over": "over the limit by > 0.1 %: % of samples", "rms": "cut and fill, rms m"}
+_KEYS = ("method", "over", "p50", "p95", "most", "rms", "p90", "p99", "seconds")
 _HEADINGS = ("line", "measure", "asked", "reached", "of", "besides")
 _Line: TypeAlias = tuple[str, float | None, float, int, str]
 """A measure, what is asked, what is reached, of how many, and facts."""
@@ -92,12 +83,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         for name, work in _LINES.items()
         for line in work(case)
     ]
-    columns = tuple(Column(each, each) for each in _HEADINGS)
     title = f"{case.length / 1e3:.0f} km of car roads"
     return Outcome(
         (
-            Table("Longitudinal profiles", _PROFILES, tuple(_profiles(case))),
-            Table(title, columns, tuple(lines)),
+            Table("Longitudinal profiles", tuple(_profiles(case)), _PROFILES),
+            Table(title, tuple(lines)),
         )
     )
 
@@ -227,7 +217,7 @@ def _profiles(case: _RoadCase) -> Iterator[Row]:
         over = 100.0 * float(np.mean(grade > limits[samples.inner] + _OVER))
         errors = np.sqrt(np.mean(works**2)), *np.percentile(works, (90, 99))
         values = (name, over, *np.percentile(grade, (50, 95, 100)).tolist(), *map(float, errors), seconds)
-        yield dict(zip([column.key for column in _PROFILES], values, strict=True))
+        yield dict(zip(_KEYS, values, strict=True))
 
 
 def _grade(case: _RoadCase) -> Iterator[_Line]:
@@ -474,16 +464,8 @@ _LINES = {
 """Lines by name."""
 
 
-def draw_roads(rows: Sequence[Row]) -> Any:
-    """Draw the share of samples over the limit, and cut and fill, against the time to solve."""
-    figure = new_figure(9.0, 3.4, "Longitudinal profiles: error against time")
-    panels = (("over", "samples over the limit of grade, %"), ("rms", "cut and fill, rms m"))
-    every = figure.subplots(1, 2)
-    for axes, (key, title) in zip(every, panels, strict=True):
-        for row, hue, mark in zip(rows[:-1], (*HUES, SKY), "os^Dv*", strict=True):
-            at = max(value_of(row, "seconds"), 1e-3), value_of(row, key)
-            axes.plot(*at, mark, color=hue, label=str(row["method"]), alpha=0.8)
-        axes.set(xlabel="s", title=title, xscale="log")
-        axes.margins(0.1, 0.1)
-    every[1].legend(fontsize=SMALL, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
+_PANELS = [
+    Curves("", "seconds", {"": key}, by="method", units=("s", unit), scales=("log", "linear"))
+    for key, unit in (("over", "samples over the limit of grade, %"), ("rms", "cut and fill, rms m"))
+]
+draw_roads = partial(draw_curves, "Longitudinal profiles: error against time", _PANELS)

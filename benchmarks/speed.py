@@ -1,7 +1,7 @@
 """Rates of noise and tiles beside rivals and beside the roofline of the device."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,9 +14,9 @@ from sketchterrain.benchmarks.baselines import numba_noise
 from sketchterrain.benchmarks.baselines.noise import Absent, Rival, in_c, in_fastnoise2, in_numpy
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, OCTAVES, NoiseGrid, central_keys, open_ground
-from sketchterrain.benchmarks.plotting import BLUE, GREY, new_figure, plain_numbers
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
-from sketchterrain.benchmarks.thesis import LEVEL, OURS
+from sketchterrain.benchmarks.plotting import BarPanel, Curves, draw_bars, draw_curves
+from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.thesis import LEVEL
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
 from sketchterrain.compute.device_check import is_usable
@@ -40,18 +40,7 @@ _VERTEX = _REAL * (4 + len(MATERIALS))  # height and normal, weights
 # Values, work items, and rounds of each: milliseconds on a processor, enough for a graphics card.
 _SIZES = {"CPU": (1 << 24, 1 << 17, 256), "GPU": (1 << 28, 1 << 22, 1024)}
 
-_COLUMNS = (
-    Column("work", "work"),
-    Column("items", "points"),
-    Column("median_ms", "median, ms"),
-    Column("million_per_s", "M points/s"),
-    Column("bytes", "bytes a point"),
-    Column("operations", "operations a point"),
-    Column("gigabytes_per_s", "GB/s"),
-    Column("giga_operations_per_s", "G operations/s"),
-    Column("bound", "bound by"),
-    Column("share", "share of the roofline"),
-)
+_HEADINGS = {"share": "share of the roofline"}
 
 
 def _roofline(context: TimedContext, effort: Effort) -> Table:
@@ -109,7 +98,7 @@ def _roofline(context: TimedContext, effort: Effort) -> Table:
                 "seconds": seconds[name],
             }
         )
-    return Table("Share of the roofline", _COLUMNS, tuple(rows))
+    return Table("Share of the roofline", tuple(rows), _HEADINGS)
 
 
 def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object], int, int, int]:
@@ -135,19 +124,10 @@ _RIVALS = (in_c, in_fastnoise2, numba_noise.rival, numba_noise.by_rows, in_numpy
 _QUICK = 0.2  # s a lap
 _MORE = 4  # times as many rounds of quick laps
 
-_NOISE_COLUMNS = (
-    Column("method", "method"),
-    Column("threads", "threads"),
-    Column("rounds", "rounds"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("million_octaves_per_s", "M points × octaves/s"),
-    Column("ours_over_it", "the first row is so many times as fast"),
-    Column("by_processor", "by processor time"),
-    Column("asked", "asked"),
-    Column("difference", "largest difference from the first row"),
-    Column("note", "note"),
-)
+_NOISE_HEADINGS = {
+    "ours_over_it": "the first row is so many times as fast",
+    "difference": "largest difference from the first row",
+}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -228,7 +208,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
         for one in found
         if isinstance(one, Absent)
     ]
-    return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", _NOISE_COLUMNS, tuple(rows))
+    return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", tuple(rows), _NOISE_HEADINGS)
 
 
 def _kernels(context: TimedContext, side: int) -> Iterator[_TimedMethod]:
@@ -246,61 +226,9 @@ def _once(grid: NoiseGrid) -> None:
     grid.finish()
 
 
-_LEAST = 1e-4  # mm; exact values are plotted here
-
-
-def draw_rates(rows: Sequence[Row]) -> Any:
-    """Draw a bar a method, longer is faster; methods that are absent have none."""
-    figure = new_figure(9.0, 3.6, "Simplex fBm of 8 octaves, the same threads for all but NumPy")
-    axes = figure.subplots()
-    names = [str(row["method"]) for row in rows]
-    rates = [value_of(row, "million_octaves_per_s") for row in rows]
-    colours = [BLUE if name.startswith(OURS) else GREY for name in names]
-    axes.barh(range(len(rows)), rates, color=colours, height=0.62)
-    for place, (row, rate) in enumerate(zip(rows, rates, strict=True)):
-        text = f"{rate:.0f}" if rate else str(row.get("note") or "absent")
-        axes.annotate(text, (rate, place), (4, 0), textcoords="offset points", va="center", fontsize=8.0)
-    axes.set_yticks(range(len(rows)), names)
-    axes.set(xlim=(0, max(rates) * 1.12), xlabel="million points × octaves a second")
-    axes.invert_yaxis()
-    axes.grid(visible=False, axis="y")
-    return figure
-
-
-def draw_thesis(rows: Sequence[Row]) -> Any:
-    """Draw a dot a method, a panel a ground: the error of 99 % of the vertices against time.
-
-    Nothing is drawn without float64, which the errors need.
-    """
-    figure = new_figure(
-        12.0, 4.2, "Tiles against the thesis's method: samples a piece × rounds. Down and left is better."
-    )
-    rows = [row for row in rows if row.get("error_mm") is not None]
-    if not rows:
-        return figure
-    grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
-    panels = figure.subplots(1, len(grounds), squeeze=False, sharey=True)[0]
-    for ground, axes in zip(grounds, panels, strict=True):
-        for number, row in enumerate(row for row in rows if row["ground"] == ground):
-            own = str(row["method"]).startswith(OURS)
-            x, y = value_of(row, "us_per_tile"), max(value_of(row, "error_mm"), _LEAST)
-            colour = BLUE if own else GREY
-            axes.plot(x, y, "o", color=colour, markersize=6, clip_on=False)
-            text = str(row["method"]).removeprefix("the thesis's way, ").removeprefix(f"{OURS}, ")
-            weight = "bold" if own else "normal"
-            axes.annotate(
-                text,
-                (x, y),
-                (6, -11 if number % 2 else 4),
-                textcoords="offset points",
-                color=colour,
-                fontsize=7.5,
-                fontweight=weight,
-            )
-        times = [value_of(row, "us_per_tile") for row in rows if row["ground"] == ground]
-        axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.5, max(times) * 5), title=ground)
-        axes.set_xlabel("µs a tile")
-        axes.set_ylim(_LEAST / 2, 3 * max(value_of(row, "error_mm") for row in rows) + _LEAST)
-        plain_numbers(axes.xaxis)
-    panels[0].set_ylabel("height error of 99 % of the vertices, mm")
-    return figure
+_RATES = [BarPanel("", "million points × octaves a second", {"rate": "million_octaves_per_s"})]
+draw_rates = partial(
+    draw_bars, "Simplex fBm of 8 octaves, the same threads for all but NumPy", _RATES, ("method",)
+)
+_PANEL = Curves("", "us_per_tile", {"": "error_mm"}, text="method", units=("µs a tile", "error of 99 %, mm"))
+draw_thesis = partial(draw_curves, "Tiles against the thesis's method", [_PANEL], each="ground")

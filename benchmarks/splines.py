@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.plotting import BLUE, GREEN, INK, ORANGE, PURPLE, VERMILION, new_figure
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import Curves, draw_curves
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 from sketchterrain.geometry.splines import cubics
 from sketchterrain.terrain.centrelines import flatten, position
@@ -237,16 +237,7 @@ CELL_SIZES = (0.125, 0.5, 2.0, 8.0, 32.0)
 _SHOWN_CELL = 2.0
 _MOST_TIMED = 1 << 16
 
-_COLUMNS = (
-    Column("method", "method"),
-    Column("cell_size", "cell, m"),
-    Column("pieces", "pieces a spline"),
-    Column("failures", "failures, %"),
-    Column("mean_mm", "mean error, mm"),
-    Column("worst_mm", "worst, mm"),
-    Column("worst_share", "worst, % of a cell"),
-    Column("ns_per_place", "ns a place"),
-)
+_HEADINGS = {"failures": "failures, %", "worst_share": "worst, % of a cell"}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -289,12 +280,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
                 **_errors(found[method], cell),
             }
         )
-    shown = tuple(row for row in rows if row["cell_size"] == _SHOWN_CELL)
-    kinds = (Column("method", "method"), *(Column(kind, kind) for kind in KINDS))
+    shown = [row for row in rows if row["cell_size"] == _SHOWN_CELL]
+    kinds = tuple({key: row[key] for key in ("method", *KINDS)} for row in shown)
     return Outcome(
         (
-            Table(f"Distance to a spline, {expected.size} places", _COLUMNS, tuple(rows)),
-            Table(f"Failures by trap, % of the places, cells of {_SHOWN_CELL:g} m", kinds, shown),
+            Table(f"Distance to a spline, {expected.size} places", tuple(rows), _HEADINGS, KINDS),
+            Table(f"Failures by trap, % of the places, cells of {_SHOWN_CELL:g} m", kinds),
         )
     )
 
@@ -325,73 +316,10 @@ def _pieces(cubics: Float64Array, method: str, cell: float) -> float:
     return float(starts[-1] / len(cubics))
 
 
-_COLOURS = {
-    "Newton": ORANGE,
-    "two steps": PURPLE,
-    "iterated sampling": VERMILION,
-    "all roots": INK,
-    SEGMENTS: GREEN,
-    ARCS: BLUE,
-}
-
-
-def draw_splines(rows: Sequence[Row]) -> Any:
-    """Worst error against time; a table of failures by trap."""
-    figure = new_figure(11.0, 4.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
-    _draw_errors(left, rows)
-    _failures(right, [row for row in rows if row["cell_size"] == _SHOWN_CELL])
-    return figure
-
-
-def _draw_errors(axes: Any, rows: Sequence[Row]) -> None:
-    """Draw a point a method; a line of points, one a cell size, where splines are flattened for it."""
-    for method, colour in _COLOURS.items():
-        mine = [row for row in rows if row["method"] == method]
-        if not mine:
-            continue
-        if method not in FLATTENED:
-            mine = [row for row in mine if row["cell_size"] == _SHOWN_CELL]
-        x, y = (
-            [value_of(row, "ns_per_place") for row in mine],
-            [value_of(row, "worst_mm") for row in mine],
-        )
-        fails = any(value_of(row, "failures") > 0 for row in mine)
-        axes.plot(x, y, "X-" if fails else "o-", color=colour, markersize=7, linewidth=1.0)
-        text = f"{method}: fails" if fails else method
-        left = method == "two steps"  # else it would lie upon Newton
-        axes.annotate(
-            text,
-            (x[0], y[0]),
-            (-7, -12) if left else (7, 5),
-            ha="right" if left else "left",
-            textcoords="offset points",
-            color=colour,
-            fontweight="bold",
-            fontsize=8.0,
-        )
-        for row, place in zip(mine, zip(x, y, strict=True), strict=True):
-            if method == ARCS:
-                label = f"{value_of(row, 'cell_size'):g} m"
-                axes.annotate(
-                    label, place, (-6, -4), textcoords="offset points", ha="right", va="top", fontsize=7.5
-                )
-    axes.set(xscale="log", yscale="log", xlabel="ns a place", ylabel="worst error, mm")
-    low, high = axes.get_xlim()
-    axes.set_xlim(low / 1.6, high * 3.0)
-    axes.set_title("Error against time; figures at points are cell sizes")
-
-
-def _failures(axes: Any, rows: Sequence[Row]) -> None:
-    methods = [str(row["method"]) for row in rows]
-    shares = [[value_of(row, kind) for kind in KINDS] for row in rows]
-    axes.imshow(shares, cmap="Oranges", vmin=0.0, vmax=60.0, aspect="auto")
-    for i, line in enumerate(shares):
-        for j, share in enumerate(line):
-            shown = "0" if share == 0.0 else f"{share:.2g}"
-            axes.text(j, i, shown, ha="center", va="center", fontsize=8.0)
-    axes.set_xticks(range(len(KINDS)), list(KINDS), rotation=35, ha="right")
-    axes.set_yticks(range(len(methods)), methods)
-    axes.grid(visible=False)
-    axes.tick_params(length=0)
-    axes.set_title(f"Places wrong by over 1 % of cells of {_SHOWN_CELL:g} m, %")
+_PANEL = Curves(
+    *("", "ns_per_place", {"": "worst_mm"}),
+    by="method",
+    text="cell_size",
+    units=("ns a place", "worst error, mm"),
+)
+draw_splines = partial(draw_curves, "Distance to a spline: error against time, by cell size in m", [_PANEL])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -16,8 +16,8 @@ import numpy as np
 from sketchterrain.benchmarks.clipped_tree import index_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.low_flight import SIZE, TileUpdates, flight_table
-from sketchterrain.benchmarks.plotting import HUES, SMALL, new_figure
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import Curves, draw_curves
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, SIDE, curve_count, synthetic_land
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap
 from sketchterrain.compute.context import ComputeContext
@@ -41,28 +41,7 @@ _MOVED = 15.0  # m
 _FOV = 64.0
 _HIGH, _VIEW = 300.0, 2000.0  # m above the ground; of the ground ahead that is edited
 
-_SCALE = (
-    Column("curves", "curves"),
-    Column("areas", "areas"),
-    Column("load_s", "load, s"),
-    Column("roads_s", "of it roads, s"),
-    Column("memory_mb", "peak memory, MB"),
-    *(Column(f"tile{level}_ms", f"tile of level {level}, ms") for level in _LEVELS),
-    *(Column(f"paint{level}_ms", f"appearance, level {level}, ms") for level in _LEVELS),
-)
-_EDITS = (
-    Column("curves", "curves"),
-    Column("roads", "roads"),
-    Column("edits", "edits"),
-    *(
-        Column(f"{stage}_{key}", f"{stage}, {heading}")
-        for stage in (*_STAGES, "whole")
-        for key, heading in (("ms", "median ms"), ("p95", "95 %"))
-    ),
-    Column("most", "most ms"),
-    Column("changed", "tiles an edit"),
-    Column("equal", "tiles like a new terrain's, bit for bit"),
-)
+_EDITS = {"changed": "tiles an edit", "equal": "tiles like a new terrain's, bit for bit"}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -97,10 +76,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     edits.append(_edit_row(many, countries[many], "with", context, max(effort.scale_edits // 20, 2)))
     return Outcome(
         (
-            Table("Countries of one density", _SCALE, scale),
+            Table("Countries of one density", scale),
             pieces,
             flight,
-            Table("Edits in view", _EDITS, tuple(edits)),
+            Table("Edits in view", tuple(edits), _EDITS),
         )
     )
 
@@ -224,23 +203,17 @@ def _equal_tiles(one: Terrain, other: Terrain) -> str:
     return f"{sum(equal)} of {len(equal)}"
 
 
-def draw_scale(rows: Sequence[Row]) -> Any:
-    """Draw the time of tiles, loads and memory over the number of curves."""
-    figure = new_figure(11.0, 3.6, f"{curve_count(SIDE) // 1000},000 curves at one density")
-    panels = (
-        ("Tile of the ground", "ms", {f"level {level}": f"tile{level}_ms" for level in _LEVELS}),
-        ("Appearance tile", "ms", {f"level {level}": f"paint{level}_ms" for level in _LEVELS}),
-        ("Load", "s", {"all": "load_s", "roads": "roads_s"}),
-    )
-    for axes, (title, unit, lines) in zip(figure.subplots(1, len(panels)), panels, strict=True):
-        x = [value_of(row, "curves") for row in rows]
-        for (name, key), hue in zip(lines.items(), HUES, strict=False):
-            axes.plot(x, [value_of(row, key) for row in rows], "o-", color=hue, markersize=3, label=name)
-        axes.set(xscale="log", xlabel="curves", ylabel=unit, title=title, ylim=(0, None))
-        axes.legend(fontsize=SMALL)
-    return figure
-
-
 def _lap(work: Callable[[], object], tiles: int) -> Lap:
     """Do the work of some tiles once; return the time of one."""
     return Lap(lap(work).wall / tiles)
+
+
+_PANELS = [
+    Curves(title, "curves", lines, units=("curves", unit), scales=("log", "linear"))
+    for title, unit, lines in (
+        ("Tile of the ground", "ms", {f"level {level}": f"tile{level}_ms" for level in _LEVELS}),
+        ("Appearance tile", "ms", {f"level {level}, painted": f"paint{level}_ms" for level in _LEVELS}),
+        ("Load", "s", {"all": "load_s", "roads": "roads_s"}),
+    )
+]
+draw_scale = partial(draw_curves, f"{curve_count(SIDE) // 1000},000 curves at one density", _PANELS)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.plotting import BLUE, INK, SMALL, VERMILION, new_figure, plain_numbers
-from sketchterrain.benchmarks.report import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.plotting import (
+    Curves,
+    draw_curves,
+)
+from sketchterrain.benchmarks.report import Outcome, Row, Table
 from sketchterrain.benchmarks.timing import run_program
 
 if TYPE_CHECKING:
@@ -21,28 +25,8 @@ if TYPE_CHECKING:
 
 SKETCH: Final = "valley_river"
 
-_SIZES = (
-    Column("side", "vertices a side"),
-    Column("million_vertices", "million, all levels"),
-    Column("seconds", "s"),
-    Column("million_vertices_per_s", "million a second"),
-    Column("megabytes", "most memory, MB"),
-    Column("bytes_a_vertex", "bytes a vertex"),
-    Column("estimated_bytes", "bytes estimated, of them"),
-    Column("estimated_memory", "memory estimated, of it"),
-)
-_LAYERS = (
-    Column("layer", "layer"),
-    Column("raw", "bytes a vertex, raw"),
-    Column("stored", "stored"),
-    Column("share", "of the world"),
-)
-_WORKERS = (
-    Column("workers", "who"),
-    Column("seconds_each", "s"),
-    Column("ratio", "throughput, of alone"),
-    Column("worst_ratio", "worst round"),
-)
+_LAYERS = {"raw": "bytes a vertex, raw"}
+_WORKERS = {"ratio": "throughput, of alone"}
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
@@ -66,9 +50,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     title = f"{SKETCH}, cells of 1 m, Zarr"
     return Outcome(
         (
-            Table(title, _SIZES, tuple(sizes)),
-            Table(f"Bytes by layer, {effort.world_sides[-1]} vertices a side", _LAYERS, tuple(layers)),
-            Table(f"Workers, {effort.world_workers_side} vertices a side", _WORKERS, tuple(workers)),
+            Table(title, tuple(sizes)),
+            Table(f"Bytes by layer, {effort.world_sides[-1]} vertices a side", tuple(layers), _LAYERS),
+            Table(f"Workers, {effort.world_workers_side} vertices a side", tuple(workers), _WORKERS),
         )
     )
 
@@ -130,27 +114,13 @@ def _workers(folder: Path, effort: Effort, device: Sequence[str]) -> list[Row]:
     ]
 
 
-def draw_worlds(rows: Sequence[Row]) -> Any:
-    """Time and memory against area: the one should rise in proportion, the other not at all."""
-    figure = new_figure(9.0, 3.8, "Time and memory of a world by its area")
-    time, memory = figure.subplots(1, 2)
-    area = [(value_of(row, "side") - 1.0) ** 2 * 1e-6 for row in rows]
-    seconds = [value_of(row, "seconds") for row in rows]
-    time.plot(area, seconds, "o-", color=BLUE, markersize=4.5, label="measured")
-    linear = [seconds[-1] * each / area[-1] for each in area]
-    time.plot(area, linear, ":", color=INK, linewidth=1.0, label="in proportion to the largest")
-    time.set(xscale="log", yscale="log", ylabel="s", title="Time")
-    time.legend(fontsize=SMALL)
-    most = [value_of(row, "megabytes") for row in rows]
-    memory.plot(area, most, "o-", color=BLUE, markersize=4.5, label="measured")
-    expected = [value_of(row, "megabytes") * value_of(row, "estimated_memory") for row in rows]
-    memory.plot(area, expected, "x", color=VERMILION, markersize=6, label="estimated before")
-    memory.legend(fontsize=SMALL, loc="lower right")
-    memory.axhline(2000.0, color=INK, linewidth=0.8, linestyle=":")
-    memory.annotate("2 GB", (area[0], 2000.0), (0, -10), textcoords="offset points", fontsize=SMALL)
-    memory.set(xscale="log", ylim=(0, 2200), ylabel="MB at most", title="Memory")
-    for axes in (time, memory):
-        axes.set(xlabel="km² at 1 m, with all coarser levels")
-        plain_numbers(axes.xaxis)
-    plain_numbers(time.yaxis)
-    return figure
+_PANELS = [
+    Curves("Time", "million_vertices", {"measured": "seconds"}, units=("million vertices, all levels", "s")),
+    Curves(
+        *("Memory", "million_vertices", {"most": "megabytes"}),
+        units=("million vertices, all levels", "MB"),
+        scales=("log", "linear"),
+        asked=(2000.0,),
+    ),
+]
+draw_worlds = partial(draw_curves, "Time and memory of a world by its area", _PANELS)

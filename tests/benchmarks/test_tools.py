@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.effort import FULL, QUICK
 from sketchterrain.benchmarks.kernel_times import WRITTEN
 from sketchterrain.benchmarks.live import STAGES, _found, measure
 from sketchterrain.benchmarks.registry import choose
-from sketchterrain.benchmarks.report import Column, Table, markdown, shown, terminal
+from sketchterrain.benchmarks.report import Table, markdown, shown, terminal
 from sketchterrain.benchmarks.timing import Lap, Launch, alternate, lap, spread
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
@@ -69,8 +69,12 @@ def test_every_kernel_is_timed():
 
 TABLE = Table(
     "Speed",
-    (Column("method", "method"), Column("rate", "M/s"), Column("more", "more")),
-    ({"method": "a|b", "rate": 1234.5, "seconds": [1.0]}, {"method": "c", "rate": 0.01234, "more": 3}),
+    (
+        {"method": "a|b", "rate": 1234.5, "p95_ms": 7.0, "seconds": [1.0], "odd": 1},
+        {"method": "c", "rate": 0.01234, "more": 3},
+    ),
+    {"rate": "M/s"},
+    hidden=("odd",),
 )
 
 
@@ -85,10 +89,10 @@ def test_tables_as_markdown_and_in_the_terminal():
     assert markdown(TABLE).splitlines() == [
         "### Speed",
         "",
-        "| method | M/s | more |",
-        "| :--- | ---: | ---: |",
-        "| a\\|b | 1234 | – |",
-        "| c | 0.0123 | 3 |",
+        "| method | M/s | 95 %, ms | more |",
+        "| :--- | ---: | ---: | ---: |",
+        "| a\\|b | 1234 | 7.00 | – |",
+        "| c | 0.0123 | – | 3 |",
     ]
     stream = io.StringIO()
     Console(width=80, file=stream).print(terminal(TABLE))

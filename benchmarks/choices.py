@@ -252,5 +252,6 @@ def _splines(context: TimedContext, effort: Effort) -> Iterator[Row]:
             }
 
 
-_PANEL = Curves("", "ns", {"": "error"}, by="chosen", text="choice", units=("ns a point", "largest error"))
+_UNITS = ("ns a point", "largest error")
+_PANEL = Curves("", "ns", {"": "error"}, by="chosen", text="choice", units=_UNITS, joined=False)
 draw_choices = partial(draw_curves, "Ways to do the same: error against time", [_PANEL], each="unit")

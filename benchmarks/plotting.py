@@ -96,6 +96,7 @@ class Curves(NamedTuple):
     units: tuple[str, str] = ("", "")
     scales: tuple[str, str] = ("log", "log")
     asked: tuple[float, ...] = ()
+    joined: bool = True
 
 
 def draw_curves(title: str, panels: Sequence[Curves], rows: Sequence[Row], *, each: str = "") -> Any:
@@ -117,7 +118,7 @@ def draw_curves(title: str, panels: Sequence[Curves], rows: Sequence[Row], *, ea
         handles, names = axes.get_legend_handles_labels()
         series |= dict(zip(names, handles, strict=True))
     if len(series) > 1:
-        figure.legend(series.values(), series, loc="outside lower center", ncols=3, fontsize=SMALL)
+        figure.legend(series.values(), series, loc="outside lower center", ncols=columns, fontsize=SMALL)
     return figure
 
 
@@ -142,7 +143,7 @@ def _draw_panel(axes: Any, panel: Curves, hues: Mapping[str, str], rows: Sequenc
                 for row in drawn
             ]
             colour = hue if panel.by else HUES[number % len(HUES)]
-            line = ("-", ":", "--", "-.")[number % 4 if panel.by else 0]
+            line = ("-", ":", "--", "-.")[number % 4 if panel.by else 0] if panel.joined else ""
             label = ", ".join(filter(None, (name, part)))
             if places:
                 across, up = zip(*places, strict=True)

@@ -230,5 +230,6 @@ _RATES = [BarPanel("", "million points × octaves a second", {"rate": "million_o
 draw_rates = partial(
     draw_bars, "Simplex fBm of 8 octaves, the same threads for all but NumPy", _RATES, ("method",)
 )
-_PANEL = Curves("", "us_per_tile", {"": "error_mm"}, text="method", units=("µs a tile", "error of 99 %, mm"))
+_UNITS = ("µs a tile", "error of 99 %, mm")
+_PANEL = Curves("", "us_per_tile", {"": "error_mm"}, text="method", units=_UNITS, joined=False)
 draw_thesis = partial(draw_curves, "Tiles against the thesis's method", [_PANEL], each="ground")

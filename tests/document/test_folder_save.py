@@ -1,13 +1,10 @@
 """Folders and archives: saving, loading, crashes during a save."""
 
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.document.label_layers import encode_layer
@@ -22,16 +19,6 @@ from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from .conftest import grey, refusal, same
 
 _FILES = sorted(["sketch.toml", *(f"{name}.png" for name in PAINTED_LAYERS)])
-_IMAGES = st.builds(
-    lambda seed, height, width, names: {
-        name: np.random.default_rng([seed, i]).integers(0, 5, (height, width), dtype=np.uint8)
-        for i, name in enumerate(names)
-    },
-    st.integers(0, 1000),
-    st.integers(1, 30),
-    st.integers(1, 30),
-    st.sets(st.sampled_from(PAINTED_LAYERS)).map(sorted),
-)
 
 
 def _painted():
@@ -41,28 +28,6 @@ def _painted():
     layers = {"mountain": image, "river": image[::-1] // 200}
     labels = {("mountain", 1): {"height": 0.1 + 0.2 + 1}, ("mountain", 200): {}}
     return Sketch(name='A "valley"', extent=1234.5, seed=2**63 - 1, layers=layers, labels=labels)
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=8)
-@given(
-    images=_IMAGES,
-    name=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
-    seed=st.integers(0, 99),
-)
-def test_folders_and_zips_round_trip(tmp_path, images, name, seed):
-    sketch = Sketch(name=name, seed=seed, layers=images)
-    for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
-        save_sketch(sketch, path)
-        same(load_sketch(path), sketch)
-
-
-def test_zip_of_a_folder_is_the_same_sketch(tmp_path):
-    save_sketch(_painted(), tmp_path / "deep" / "valley")
-    assert sorted(entry.name for entry in (tmp_path / "deep" / "valley").iterdir()) == _FILES
-    shutil.make_archive(str(tmp_path / "valley"), "zip", tmp_path / "deep", "valley")
-    zipped = (tmp_path / "valley.zip").rename(tmp_path / "valley.sketch")
-    same(load_sketch(zipped), load_sketch(str(tmp_path / "deep" / "valley")))
-    same(load_sketch(zipped), _painted())
 
 
 def test_saving_leaves_other_files(tmp_path):

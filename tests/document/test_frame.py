@@ -5,7 +5,6 @@ from rasterio.crs import CRS
 
 from sketchterrain.document.frame import georeference
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
 
 UTM = {"crs": "EPSG:25832", "east": 600000.0, "north": 5270000.0}
@@ -46,10 +45,3 @@ def test_a_vertical_datum_makes_the_crs_compound() -> None:
     crs, _ = georeference(Sketch(frame=frame | {"crs": CRS.from_epsg(25832).to_wkt()}).frame)
     assert crs is not None
     assert CRS.from_wkt(crs) == CRS.from_user_input("EPSG:25832+5773")
-
-
-def test_frames_are_read_as_written() -> None:
-    wkt = CRS.from_epsg(25832).to_wkt()
-    for frame in ({}, UTM, UTM | {"vertical": "EPSG:5773"}, UTM | {"crs": wkt}):
-        sketch = Sketch(frame=frame)
-        assert parse_settings(settings_text(sketch).encode()).frame == sketch.frame

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sketchterrain.document.label_layers import decode_layer, encode_layer, label_rgb
-from sketchterrain.document.store import load_sketch, pack_zip
+from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.jobs.generate import sketch_notes
 from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
@@ -412,12 +412,3 @@ def test_damaged_zips_and_invalid_sketches_are_refused(packed):
     assert "unknown layer image 'mountains.png'" in refusal(path)
     path = packed(("v/w/sketch.toml", _SETTINGS))
     assert "no sketch.toml" in refusal(path)
-
-
-def test_zip_bytes_are_reproducible():
-    files = {"sketch.toml": b"format = 1", "hill.png": b"2"}
-    data = pack_zip(files)
-    assert data == pack_zip(dict(reversed(files.items())))
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        assert archive.testzip() is None
-        assert {info.filename: archive.read(info) for info in archive.infolist()} == files

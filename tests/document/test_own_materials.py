@@ -9,6 +9,7 @@ from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build
 from sketchterrain.schema.materials import BUILT_IN
+from tests import terrains
 
 
 def pictures(folder, *names):
@@ -49,8 +50,9 @@ def test_own_materials_have_weights(count):
 
 
 def test_weights_of_the_programs_materials_do_not_depend_on_others():
-    plain = build(Sketch(extent=256.0)).raster(65).materials
-    more = build(Sketch(extent=256.0, materials={"paving": {}})).raster(65).materials
+    terrain = terrains.plain()
+    plain = terrain.raster(65).materials
+    more = build(terrain.sketch.replace(materials={"paving": {}})).raster(65).materials
     np.testing.assert_array_equal(more[..., : plain.shape[-1]], plain)
 
 

@@ -83,6 +83,7 @@ def test_conversions_and_error_messages():
         SKETCH["name"].check("\ud800")  # no file can hold it
     with pytest.raises(InputError, match="200 characters"):
         SKETCH["name"].check("x" * 201)
+    assert parse_settings(b"\xef\xbb\xbfformat = 1\r\nextent = 10\r\n").extent == 10.0  # a byte order mark
 
 
 def test_names_and_colours_are_distinct():
@@ -133,39 +134,6 @@ def test_settings_round_trip(sketch):
     for key in (*SKETCH, *TABLES, "labels"):
         assert getattr(again, key) == getattr(sketch, key)
     assert settings_text(again) == settings_text(sketch)
-
-
-def test_example_file_and_special_names():
-    for name in ('say "hi"', "C:\\sketch", "Größe 山 🏔", "two\nlines\r\n\t", "\x00\x1f\x7f", "'''"):
-        assert parse_settings(settings_text(Sketch(name=name)).encode()).name == name
-
-    sketch = parse_settings(
-        b"""format = 1
-name = "Valley with a river"
-extent = 4096.0            # metres along the longer side
-seed = 7
-fidelity = 0.8
-[density]
-mountain = 0.02
-hill = 0.2
-[mountain.1]
-height = 900.0             # m
-peakiness = 0.6
-multitude = 1
-[river.1]
-width = 18.0
-depth = 3.0
-"""
-    )
-    top = (sketch.name, sketch.extent, sketch.seed, sketch.fidelity)
-    assert top == ("Valley with a river", 4096.0, 7, 0.8)
-    assert sketch.density == {"mountain": 0.02, "hill": 0.2, "dune": 0.0, "forest": 0.0}
-    assert sketch.labels == {
-        ("mountain", 1): {"height": 900.0, "peakiness": 0.6, "multitude": 1},
-        ("river", 1): {"width": 18.0, "depth": 3.0},
-    }
-    # A byte order mark and the format alone are enough.
-    assert parse_settings(b"\xef\xbb\xbfformat = 1\r\nextent = 10\r\n").extent == 10.0
 
 
 _ROW = '[[material_rule]]\nname = "snow"\n'

@@ -14,8 +14,7 @@ from sketchterrain.export.drapes import DrapedShapes, write_drapes
 from sketchterrain.export.gltf import GlbWriter, add_drapes
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import write_export
+from tests.export.exporting import export
 
 EAST, NORTH = 600_000.0, 5_270_000.0
 LINE = [(100.0, 200.0), (700.0, 260.0), (720.0, 900.0)]
@@ -62,8 +61,7 @@ def terrain(tmp_path_factory):
 @pytest.fixture(scope="module")
 def exported(terrain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("gltf")
-    options = ExportOptions(size=65, plants=False)
-    write_export(checked_plan(terrain.sketch, "gltf", options), terrain, folder, stages=Stages())
+    export(terrain, "gltf", folder, size=65, plants=False)
     return folder
 
 

@@ -18,8 +18,6 @@ from sketchterrain.export.sampled import control_map, quantise_weights, splat_we
 from sketchterrain.terrain.surfaces import Raster
 
 CHANNELS = ("red", "green", "blue", "alpha")
-PIXEL_SCALE, TIE_POINT, GEO_KEYS = 33550, 33922, 34735
-RASTER_TYPE_KEY, PIXEL_IS_POINT = 1025, 2
 
 
 def ground(height):
@@ -94,14 +92,6 @@ def test_height_tif_is_bit_equal_with_vertices_at_their_positions(tmp_path, rast
     (tmp_path / "b").mkdir()
     (second,) = write_height_tif(tmp_path / "b", raster)
     assert path.read_bytes() == second.read_bytes()
-
-    (path,) = write_height_tif(tmp_path, ground(np.zeros((5, 7))))
-    with Image.open(path) as image:
-        tags = image.tag_v2
-        assert tags[PIXEL_SCALE] == (2.0, 3.0, 0.0)
-        assert tags[TIE_POINT] == (0.0, 0.0, 0.0, 0.0, 12.0, 0.0)  # 4 spacings of 3 m north of the origin
-        keys = np.reshape(tags[GEO_KEYS][4:], (-1, 4))
-    assert [RASTER_TYPE_KEY, 0, 1, PIXEL_IS_POINT] in keys.tolist()
 
 
 def test_material_files_hold_the_weights_padded_with_zeros(tmp_path, terrain, raster):

@@ -52,9 +52,10 @@ def surface_by_brute_force(mesh, height):
     return found.reshape(rows, columns)
 
 
-def doubled_areas(mesh):
-    x, y = mesh.column[mesh.triangles].astype(int), -mesh.row[mesh.triangles].astype(int)
-    return (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
+def areas(position, triangles):
+    """Return the areas of triangles seen from above."""
+    a, b, c = (position[triangles[:, k], :2].astype(np.float64) for k in range(3))
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
 def test_adaptive_mesh_is_within_its_error_covers_once_and_faces_up():
@@ -69,8 +70,9 @@ def test_adaptive_mesh_is_within_its_error_covers_once_and_faces_up():
             near = 1e-9 * max(1.0, float(np.abs(height).max()))
             assert result.error == pytest.approx(off, abs=near), (error, ground)
             mesh = result.mesh
-            assert (doubled_areas(mesh) > 0).all(), (error, ground)
-            assert doubled_areas(mesh).sum() == 2 * (rows - 1) * (columns - 1), (error, ground)
+            covered = areas(np.stack([mesh.column, -mesh.row], axis=-1), mesh.triangles)
+            assert (covered > 0).all(), (error, ground)
+            assert covered.sum() == (rows - 1) * (columns - 1), (error, ground)
             places = {*zip(mesh.column.tolist(), mesh.row.tolist(), strict=True)}
             assert len(places) == len(mesh.column), (error, ground)
 
@@ -118,17 +120,11 @@ def test_solid_is_closed_and_has_the_volume_below_the_surface():
         assert len(directed) == len(edges), ground  # each edge once …
         assert all((b, a) in directed for a, b in directed), ground  # … and once the other way
         a, b, c = (body_position[body_triangles[:, k]].astype(np.float64) for k in range(3))
-        upper = (position[mesh.triangles][..., 2].astype(np.float64).mean(axis=1) - base) @ _areas(
-            position, mesh
-        )
+        above = position[mesh.triangles][..., 2].astype(np.float64).mean(axis=1) - base
+        upper = above @ areas(position, mesh.triangles)
         volume = ((a - position[0]) * np.cross(b - position[0], c - position[0])).sum() / 6.0
         assert volume == pytest.approx(upper, rel=1e-6), ground
         assert len(boundary(mesh)) == len({*boundary(mesh).tolist()}), ground
-
-
-def _areas(position, mesh):
-    a, b, c = (position[mesh.triangles[:, k], :2].astype(np.float64) for k in range(3))
-    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
 def two_triangles(columns, rows):
@@ -190,19 +186,16 @@ def found():
     }
 
 
-def areas(water):
-    a, b, c = (water.position[water.triangles[:, k], :2] for k in range(3))
-    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-
-
 def test_water_meshes_face_up_are_clipped_and_never_coplanar(found):
     assert list(found) == ["lake", "river", "sea"]
     for water in found.values():
-        assert (areas(water) > 0.0).all()
+        assert (areas(water.position, water.triangles) > 0.0).all()
         assert set(water.triangles.ravel().tolist()) == set(range(len(water.position)))
     water = found["lake"]
     assert (water.position[:, 2] == LEVEL).all()
-    assert 90.0**2 < areas(water).sum() / np.pi < 96.0**2  # it ends within its banks
+    assert (
+        90.0**2 < areas(water.position, water.triangles).sum() / np.pi < 96.0**2
+    )  # it ends within its banks
     position = found["river"].position
     assert position[:, 0].min() == 0.0
     assert position[:, 0].max() < 250.0 - 90.0 + 20.0
@@ -227,6 +220,8 @@ def test_river_that_a_coarse_grid_has_no_channel_of_is_on_its_ground():
 def test_the_sea_is_a_rectangle_if_any_ground_is_below_it(found):
     sea = found["sea"]
     assert (sea.position[:, 2] == LEVEL - 5.0).all()
-    assert areas(sea).sum() == pytest.approx((GRID.east - GRID.west) * (GRID.north - GRID.south))
+    assert areas(sea.position, sea.triangles).sum() == pytest.approx(
+        (GRID.east - GRID.west) * (GRID.north - GRID.south)
+    )
     features = SimpleNamespace(lakes=[], rivers=[], sea_level=LEVEL)
     assert not list(object_meshes(features, ground(LEVEL)))

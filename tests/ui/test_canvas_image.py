@@ -5,8 +5,6 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QImage
 
@@ -24,19 +22,6 @@ from sketchterrain.ui.canvas.tool_context import LARGEST, Viewport
 from sketchterrain.ui.engine.protocol import Agreement, FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period, label_colour
 from sketchterrain.ui.models.document import Document
-
-
-@settings(max_examples=60)
-@given(
-    scale=st.floats(0.02, 64.0),
-    left=st.integers(-4000, 900),
-    top=st.integers(-4000, 900),
-    x=st.floats(-100.0, 700.0),
-    y=st.floats(-100.0, 700.0),
-)
-def test_screen_and_sketch_positions_are_inverse(scale: float, left: int, top: int, x: float, y: float):
-    viewport = Viewport(1000, 800, 512, 512, scale, left, top)
-    assert viewport.to_sketch(*viewport.to_screen(x, y)) == pytest.approx((x, y), abs=1e-6)
 
 
 def test_a_fitted_sketch_is_centred_and_no_sketch_leaves_the_screen():
@@ -205,9 +190,16 @@ def rgb(colour: QColor) -> np.ndarray:
     return np.array([colour.red(), colour.green(), colour.blue()], float)
 
 
-def hide_overlays(workspace):
+def show_relief(link, version, shade, height, level=None):
+    link.relief = Relief(version, 1, height, shade, level)
+    link.relief_changed.emit(link.relief)
+
+
+def hide(workspace, *layers):
     for name in ("relief", "features", "eye", "contradictions", "adherence", "realism"):
         workspace.show_overlay(name, False)
+    for name in layers:
+        workspace.set_look(name, visible=False)
 
 
 def test_paint_has_its_labels_colour_and_its_layer_s_hatch(canvas, workspace):
@@ -260,8 +252,7 @@ def test_panning_equals_a_full_redraw(canvas, link, placed):
 
 def test_the_relief_shades_the_paper_and_is_redrawn_where_it_changed(canvas, link, workspace):
     def show(version, shade):
-        link.relief = Relief(version, 1, np.zeros(shade.shape, np.float32), shade)
-        link.relief_changed.emit(link.relief)
+        show_relief(link, version, shade, np.zeros(shade.shape, np.float32))
         return pixels(canvas)
 
     before = pixels(canvas)
@@ -284,8 +275,7 @@ def test_the_relief_shades_the_paper_and_is_redrawn_where_it_changed(canvas, lin
 
 def test_the_relief_has_the_sea_below_its_level(canvas, link):
     def show(version, height, level):
-        link.relief = Relief(version, 1, height.copy(), np.full((SIDE, SIDE), 190, np.uint8), level)
-        link.relief_changed.emit(link.relief)
+        show_relief(link, version, np.full((SIDE, SIDE), 190, np.uint8), height.copy(), level)
         return [mean(canvas, column, 32.0, radius=3) for column in (10.0, 50.0)]
 
     height = np.full((SIDE, SIDE), 5.0, np.float32)
@@ -302,12 +292,10 @@ def test_the_relief_has_the_sea_below_its_level(canvas, link):
 
 
 def test_adherence_is_tinted_in_its_legends_colours(canvas, link, workspace):
-    hide_overlays(workspace)
+    hide(workspace, "mountain", "lake")
     painted, present = np.zeros((2, SIDE, SIDE), bool)
     painted[:32] = present[16:48] = True
     figures = {"layers": {"mountain": {"iou_mean": 0.5, "spill": 0.5}}}
-    workspace.set_look("mountain", visible=False)
-    workspace.set_look("lake", visible=False)
     before = pixels(canvas)
     link.adherence = Agreement(1, figures, {"mountain": (painted, present)})
     workspace.show_overlay("adherence", True)
@@ -321,9 +309,7 @@ def test_adherence_is_tinted_in_its_legends_colours(canvas, link, workspace):
 
 
 def test_faults_of_landforms_are_tinted_in_their_legends_colours(canvas, link, workspace):
-    hide_overlays(workspace)
-    for layer in ("mountain", "lake"):
-        workspace.set_look(layer, visible=False)
+    hide(workspace, "mountain", "lake")
     faults = np.repeat(np.arange(4, dtype=np.uint8), SIDE // 4)[:, None].repeat(SIDE, axis=1)
     before = pixels(canvas)
     workspace.show_overlay("realism", True)
@@ -339,7 +325,7 @@ def test_faults_of_landforms_are_tinted_in_their_legends_colours(canvas, link, w
 
 
 def test_each_overlay_is_drawn_and_removed(canvas, link, placed, workspace):
-    hide_overlays(workspace)
+    hide(workspace)
     resolutions = (("a river crosses", 320.0, 320.0),)
     link.placed = Placement(1, placed.points, placed.rivers, placed.lakes, resolutions)
     pose = Pose((100.0, 100.0, 50.0), (300.0, 300.0, 0.0))

@@ -247,23 +247,6 @@ def test_hour_and_look_change_the_picture_and_no_heights(running):
 
 
 @pytest.mark.slow
-def test_a_picture_is_rendered_while_frames_are_displayed(running, tmp_path):
-    from PIL import Image
-
-    _, link, listener = running
-    path = tmp_path / "view.png"
-    link.set_view(replace(VIEW, plays=True))
-    link.send(msg.RenderPicture(str(path), 320, 200))
-    listener.frames.clear()
-    wait(lambda: listener.written)
-    assert listener.written == [str(path)]
-    with Image.open(path) as picture:
-        assert picture.size == (320, 200)
-    assert listener.frames
-    link.set_view(VIEW)
-
-
-@pytest.mark.slow
 def test_a_view_at_rest_becomes_the_still_and_motion_is_shown_at_once(running, tmp_path):
     from PIL import Image
 
@@ -278,6 +261,7 @@ def test_a_view_at_rest_becomes_the_still_and_motion_is_shown_at_once(running, t
     link.set_view(replace(VIEW, refines=True))
     wait(lambda: listener.written and listener.frames and link.frame.converged)
     with Image.open(path) as picture:
+        assert picture.size == (VIEW.width, VIEW.height)
         still = np.asarray(picture.convert("RGB")).astype(int)[..., ::-1]
     difference = np.abs(pixels(link).astype(int) - still)
     assert np.mean(difference <= 8) > 0.99  # grass and water move

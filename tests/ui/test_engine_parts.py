@@ -27,12 +27,17 @@ from sketchterrain.ui.models.document import Document
 from .events import paint
 
 
-@pytest.fixture
-def ends():
-    pair = [Channel(end) for end in socket.socketpair()]
+@pytest.fixture(params=[Channel])
+def ends(request):
+    """The two ends of a connection, the first of the kind that a test names."""
+    ours, theirs = socket.socketpair()
+    pair = request.param(ours), Channel(theirs)
     yield pair
     for each in pair:
         each.close()
+
+
+sends_content = pytest.mark.parametrize("ends", [ContentChannel], indirect=True)
 
 
 def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends):
@@ -97,9 +102,9 @@ def test_closing_wakes_reader_and_writer_threads():
     other.close()
 
 
+@sends_content
 def test_arrays_are_sent_once_then_by_digest_and_of_images_only_changed_blocks(ends):
-    ours, theirs = socket.socketpair()
-    one, other, sent = ContentChannel(ours), Channel(theirs), []
+    (one, other), sent = ends, []
     one._write = lambda parts, write=one._write: (
         sent.append(sum(part.nbytes for part in parts)),
         write(parts),
@@ -130,25 +135,6 @@ def test_arrays_are_sent_once_then_by_digest_and_of_images_only_changed_blocks(e
     one.send([image, changed])
     assert all(np.array_equal(*pair) for pair in zip(other.receive(), (image, changed), strict=True))
     assert len(set().union(*other._received)) <= 6
-    one.close()
-    other.close()
-
-
-def test_a_sketch_is_sent_with_its_unchanged_layers_as_the_same_arrays():
-    ours, theirs = socket.socketpair()
-    one, other = ContentChannel(ours), Channel(theirs)
-    sketch = Sketch(layers={"hill": np.ones((64, 48), np.uint8)}, seed=4)
-    hill = np.zeros((64, 48), np.uint8)
-    for each in (sketch, sketch.replace(layers={**sketch.layers, "hill": hill}, seed=5)):
-        one.send(each)
-    first, second = other.receive(), other.receive()
-    assert digest_of(first) == digest_of(sketch)
-    assert np.array_equal(first.layers["hill"], sketch.layers["hill"])
-    assert first.layers["lake"] is second.layers["lake"]
-    assert not second.layers["hill"].any()
-    assert second.seed == 5
-    one.close()
-    other.close()
 
 
 def test_frame_slots_are_shared_grow_and_do_not_overlap():
@@ -204,11 +190,10 @@ def test_updates_hold_the_stroke_as_it_was(small_document, builder):
     assert digest_of(builder.next()[0].sketch) == digest_of(update.sketch)
 
 
+@sends_content
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-def test_the_other_end_follows_strokes_undo_settings_and_other_documents(small_document, builder, seed):
-    rng = np.random.default_rng(seed)
-    ours, theirs = socket.socketpair()
-    one, other = ContentChannel(ours), Channel(theirs)
+def test_the_other_end_follows_strokes_undo_settings_and_other_documents(small_document, builder, ends, seed):
+    rng, (one, other) = np.random.default_rng(seed), ends
     for turn in range(60):
         choice = int(rng.integers(0, 7))
         if choice <= 2:
@@ -231,13 +216,11 @@ def test_the_other_end_follows_strokes_undo_settings_and_other_documents(small_d
             assert all(
                 np.array_equal(received.layers[name], expected.layers[name]) for name in PAINTED_LAYERS
             )
-    one.close()
-    other.close()
 
 
-def test_unchanged_layers_stay_the_same_array(small_document, builder):
-    ours, theirs = socket.socketpair()
-    one, other = ContentChannel(ours), Channel(theirs)
+@sends_content
+def test_unchanged_layers_stay_the_same_array(small_document, builder, ends):
+    one, other = ends
 
     def sent():
         one.send(builder.next()[0])
@@ -250,8 +233,6 @@ def test_unchanged_layers_stay_the_same_array(small_document, builder):
     assert stroke.layers["mountain"] is not before.layers["mountain"]
     draft.commit("Paint mountains")
     assert sent().layers["mountain"] is stroke.layers["mountain"]
-    one.close()
-    other.close()
 
 
 EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)

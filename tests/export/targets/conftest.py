@@ -10,12 +10,9 @@ import pytest
 
 import sketchterrain as st
 from sketchterrain.document.edits import Edit
-from sketchterrain.export.planning import checked_plan
-from sketchterrain.export.target import ExportOptions
 from sketchterrain.generation.building import make_recipe
-from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import write_export
 from sketchterrain.landforms.hydrology.streams import is_stream
+from tests.export.exporting import export as write_to
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ def terrain(corner):
 
 
 @pytest.fixture(scope="session")
-def exported(terrain, corner, tmp_path_factory):
+def exported(terrain, tmp_path_factory):
     """Return a function that exports the terrain: ``exported("raw", size=65, plants=False)``."""
     cache = {}
 
@@ -68,9 +65,7 @@ def exported(terrain, corner, tmp_path_factory):
         key = f"{target} {sorted(options.items())}"
         if key not in cache:
             folder = tmp_path_factory.mktemp(target)
-            done = write_export(
-                checked_plan(corner, target, ExportOptions(**options)), terrain, folder, stages=Stages()
-            )
+            done = write_to(terrain, target, folder, **options)
             content = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
             assert content == json.loads(json.dumps(done.report))
             assert [entry["file"] for entry in content["files"]] == [path.name for path in done.files]

@@ -19,11 +19,8 @@ from PIL import Image, ImageFilter
 import sketchterrain as st
 import sketchterrain.export
 from sketchterrain.app.cli import main
-from sketchterrain.export.planning import checked_plan
-from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets.gltf import write_extension
-from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import write_export
+from tests.export.exporting import export
 
 PARENT = Path(sketchterrain.export.__file__).parent
 SIZE = 65
@@ -193,11 +190,9 @@ def height_error(places, heights):
 def test_blender_builds_and_refreshes_a_terrain(blender, corner, tmp_path):
     blender_command()
     shutil.copytree(blender.folder, tmp_path / "first")
-    for name in ("second", "bad"):
-        (tmp_path / name).mkdir()
+    (tmp_path / "bad").mkdir()
     other = corner.replace(seed=6)
-    plan = checked_plan(other, "blender", ExportOptions(size=129))
-    second = write_export(plan, st.build(other), tmp_path / "second", stages=Stages()).report
+    second = export(st.build(other), "blender", tmp_path / "second", size=129).report
     expected = bad_inputs(blender.folder, tmp_path / "bad")
     again = shutil.copytree(blender.folder, tmp_path / "bad" / "again")
     expected[again.name] = "this file has the terrain 'High corner' already: use Refresh"

@@ -16,9 +16,8 @@ from sketchterrain.export.planning import HeightQuantisation, checked_plan, plan
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import godot, target_named, unreal
-from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import write_export
 from sketchterrain.schema.materials import MATERIALS, weight_words
+from tests.export.exporting import export
 
 ENGINES = {"unity": {"size": 129}, "unreal": {"size": 253}, "godot": {"format": "exr"}}
 
@@ -286,12 +285,7 @@ def test_unity_trees_match_the_terrain(terrain, exported):
 def test_grass_has_a_separate_file(corner, tmp_path):
     meadow = replace(corner, extent=48.0)
     terrain = st.build(meadow)
-    write_export(
-        checked_plan(meadow, "unreal", ExportOptions(size=127, grass=True)),
-        terrain,
-        tmp_path,
-        stages=Stages(),
-    )
+    export(terrain, "unreal", tmp_path, size=127, grass=True)
     for kind, storey in (("plants", "woody"), ("grass", "grass")):
         content = json.loads((tmp_path / f"high_corner_{kind}.json").read_text(encoding="utf-8"))
         true = terrain.foliage(0.0, 0.0, 48.0, 48.0, storey=storey)
@@ -320,8 +314,8 @@ def test_unreal_components_and_z_scale_follow_the_guide(corner, exported, tmp_pa
     assert sizes == unreal.TARGETS[0].sizes
     for size, quads, components in zip(sizes, [63] * 6 + [127], (1, 2, 4, 8, 16, 32, 32), strict=True):
         plan = checked_plan(corner, "unreal", ExportOptions(size=size, plants=False))
-        export = Export(None, "a", plan.options, plan.grid, plan.tiling, None, tmp_path, None)
-        settings = unreal._settings(export, HeightQuantisation(-256.0, 512.0))
+        job = Export(None, "a", plan.options, plan.grid, plan.tiling, None, tmp_path, None)
+        settings = unreal._settings(job, HeightQuantisation(-256.0, 512.0))
         assert settings["Section Size"] == f"{quads}x{quads} Quads", size
         assert settings["Sections Per Component"] == "2x2 Sections", size
         assert settings["Number of Components"] == {"X": components, "Y": components}, size
@@ -386,6 +380,7 @@ def test_invalid_options_are_refused(corner):
         ("godot", {"overlap": 1}, "overlap"),
         ("raw", {"format": "r32", "heights": (0.0, 1.0)}, "only 16-bit numbers have a range"),
         ("geotiff", {"origin": (np.nan, 0.0)}, "expected two finite numbers, m"),
+        ("qgis", {"crs": "EPSG:4326"}, "is in degrees"),
     ]:
         with pytest.raises(InputError, match=message):
             checked_plan(corner, target, ExportOptions(**options))
@@ -406,8 +401,7 @@ def same_bytes(*folders):
 def test_exports_are_deterministic(terrain, exported, tmp_path, target):
     options = {"size": 65, "crs": "EPSG:25832", "origin": (5e5, 5e6)} if target == "geotiff" else {"size": 65}
     outcome = exported(target, **options)
-    options_ = checked_plan(terrain.sketch, target, ExportOptions(**options))
-    write_export(options_, terrain, tmp_path, stages=Stages())
+    export(terrain, target, tmp_path, **options)
     same_bytes(outcome.folder, tmp_path)
 
 
@@ -420,9 +414,7 @@ def test_bare_terrain_exports_are_deterministic_and_without_plants(corner, tmp_p
     ):
         folders = [tmp_path / f"{target}-{name}" for name in ("one", "two", "none")]
         for folder in folders:
-            folder.mkdir()
-            options_ = ExportOptions(plants="none" not in folder.name, **options)
-            done = write_export(checked_plan(bare.sketch, target, options_), bare, folder, stages=Stages())
+            done = export(bare, target, folder, plants="none" not in folder.name, **options)
         same_bytes(*folders[:2])
         names = {path.name for path in done.files}
         assert not [name for name in names if "plants" in name or "grass.json" in name], target

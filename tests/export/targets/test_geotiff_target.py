@@ -15,9 +15,8 @@ from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.vectors import ExportLayer, Origin, geopackage, lake_layer
 from sketchterrain.features.table import VectorLayer as Drawn
 from sketchterrain.importing.vectors import sketch_from_vectors
-from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import write_export
 from sketchterrain.landforms.placement.feature_types import Lake, ShapeField
+from tests.export.exporting import export
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 PLACED = {"crs": "EPSG:25832", "origin": (EAST, NORTH)}
@@ -188,10 +187,8 @@ def lawn():
 
 def test_empty_layers_are_written_and_files_are_deterministic(lawn, tmp_path):
     terrain = st.build(lawn)
-    plan = checked_plan(lawn, "geotiff", ExportOptions(size=9, grass=True))
-    done = write_export(plan, terrain, tmp_path, stages=Stages())
-    (tmp_path / "again").mkdir()
-    for again in write_export(plan, terrain, tmp_path / "again", stages=Stages()).files:
+    done = export(terrain, "geotiff", tmp_path, size=9, grass=True)
+    for again in export(terrain, "geotiff", tmp_path / "again", size=9, grass=True).files:
         assert again.read_bytes() == (tmp_path / again.name).read_bytes(), again.name
     assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") is None  # the clock runs on for others
     path = tmp_path / "lawn.gpkg"
@@ -289,8 +286,7 @@ def test_vectors_are_exported_as_drawn(corner, tmp_path):
         vectors={"river": river, "lake": lake},
         frame={"crs": "EPSG:25832", "east": EAST, "north": NORTH},
     )
-    plan = checked_plan(sketch, "geotiff", ExportOptions(size=9, plants=False))
-    done = write_export(plan, st.build(sketch), tmp_path, stages=Stages())
+    done = export(st.build(sketch), "geotiff", tmp_path, size=9, plants=False)
     path = next(each for each in done.files if each.suffix == ".gpkg")
     found = {}
     for name in ("sketch_river", "sketch_lake"):

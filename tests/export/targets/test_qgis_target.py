@@ -17,11 +17,8 @@ from PIL import Image
 import sketchterrain as st
 import sketchterrain.jobs.export
 from sketchterrain.document.drapes import DrapeClass, draped_layer
-from sketchterrain.errors import InputError
-from sketchterrain.export.planning import checked_plan
-from sketchterrain.export.target import ExportOptions, SceneView
-from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import write_export
+from sketchterrain.export.target import SceneView
+from tests.export.exporting import export
 
 EAST, NORTH = 600_000.0, 5_270_000.0
 PLACED = {"crs": "EPSG:25832", "origin": (EAST, NORTH)}
@@ -47,13 +44,6 @@ def draped(corner, tmp_path_factory):
     layer = draped_layer(path, by="kind", fill="#ff8800", label="kind", dash="6 3", unit="m")
     frame = {"crs": "EPSG:25832", "east": 0.0, "north": 0.0}
     return corner.replace(name="Draped", drapes=(layer.replace(classes=classes),), frame=frame)
-
-
-def export(sketch, folder, **options):
-    folder.mkdir()
-    plan = checked_plan(sketch, "qgis", ExportOptions(**options))
-    terrain = st.build(sketch)
-    return write_export(plan, terrain, folder, stages=Stages()), terrain
 
 
 def project(folder):
@@ -97,10 +87,8 @@ def test_projects_are_relative_complete_and_deterministic(draped, tmp_path, monk
         eye=(500.0, 0.0, 90.0), target=(500.0, 9.0, 40.0), sun_azimuth=90.0, sun_elevation=60.0
     )
     monkeypatch.setattr(sketchterrain.jobs.export, "scene_view", lambda terrain: scene)
-    done, terrain = export(draped, tmp_path / "a", size=33, plants=False)
-    (tmp_path / "b").mkdir()
-    plan = checked_plan(draped, "qgis", ExportOptions(size=33, plants=False))
-    again = write_export(plan, terrain, tmp_path / "b", stages=Stages())
+    terrain = st.build(draped)
+    done, again = (export(terrain, "qgis", tmp_path / name, size=33, plants=False) for name in "ab")
     for path in done.files:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes(), path.name
     assert [path.name for path in again.files] == [path.name for path in done.files]
@@ -141,13 +129,6 @@ def test_material_raster_has_the_heaviest_materials_their_names_and_colours(expo
         number: (titles[number], "#{:02x}{:02x}{:02x}".format(*colours[number]))
         for number in np.unique(found)
     }
-
-
-def test_invalid_reference_systems_are_refused(corner):
-    for crs, message in [("EPSG:4326", "is in degrees"), ("moon", "is not a coordinate")]:
-        with pytest.raises(InputError, match=message) as refused:
-            checked_plan(corner, "qgis", ExportOptions(crs=crs))
-        assert "\n" not in str(refused.value), crs
 
 
 @pytest.fixture(scope="session")
@@ -195,7 +176,8 @@ def qgis(tmp_path_factory):
 )
 def test_qgis_opens_draws_and_measures_the_project(qgis, request, tmp_path, name, options):
     sketch = request.getfixturevalue(name) if name in ("corner", "draped") else st.load_sketch(PRESETS / name)
-    done, terrain = export(sketch, tmp_path / "out", size=257, **options)
+    terrain = st.build(sketch)
+    done = export(terrain, "qgis", tmp_path / "out", size=257, **options)
     check_project(tmp_path / "out")
     moved = (tmp_path / "out").rename(tmp_path / "moved, späť")
     (path,) = moved.glob("*.qgz")

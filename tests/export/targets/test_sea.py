@@ -12,11 +12,8 @@ import shapely
 from sketchterrain.export.map import relief
 from sketchterrain.export.map.drawing import Polygons
 from sketchterrain.export.map.sheet import map_sheet
-from sketchterrain.export.planning import checked_plan
-from sketchterrain.export.target import ExportOptions
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.io.console import Stages
-from sketchterrain.jobs.export import write_export
+from tests.export.exporting import export
 
 
 def features_json(folder):
@@ -91,26 +88,23 @@ def sea(terrain, monkeypatch):
 
 
 @pytest.mark.slow
-def test_exports_have_the_sea_if_there_is_one(terrain, corner, sea, tmp_path):
+def test_exports_have_the_sea_if_there_is_one(terrain, sea, tmp_path):
     level, seen = round(float(np.median(terrain.raster(65).height)), 2), set()
     for target, (found, options) in EXPORTS.items():
         for given in (level,) if found in seen else (None, level):
             seen.add(found)
             sea(given)
             folder = tmp_path / f"{target} {given}"
-            folder.mkdir()
-            plan = checked_plan(corner, target, ExportOptions(**{"size": 33, "plants": False} | options))
-            write_export(plan, terrain, folder, stages=Stages())
+            export(terrain, target, folder, **{"size": 33, "plants": False} | options)
             expected = None if given is None else pytest.approx(given, abs=2e-3)
             assert found(folder) == expected, (target, given)
 
 
-def test_the_area_of_the_sea_is_the_ground_below_it(terrain, corner, sea, tmp_path):
+def test_the_area_of_the_sea_is_the_ground_below_it(terrain, sea, tmp_path):
     height = terrain.raster(513).height
     level = float(np.percentile(height, 40.0))
     sea(level)
-    plan = checked_plan(corner, "geotiff", ExportOptions(size=513, plants=False))
-    write_export(plan, terrain, tmp_path, stages=Stages())
+    export(terrain, "geotiff", tmp_path, size=513, plants=False)
     (path,) = tmp_path.glob("*.gpkg")
     (area,) = shapely.from_wkb(pyogrio.raw.read(path, layer="sea")[2])
     assert area.area == pytest.approx(0.4 * 1024.0**2, rel=0.01)

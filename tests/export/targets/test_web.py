@@ -19,6 +19,7 @@ from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets.web import _PAGE
 from sketchterrain.export.web_data import four_bit_weights, height_levels
+from tests.export.exporting import export
 
 from .chromium import Chromium
 
@@ -126,10 +127,7 @@ def test_page_is_small_and_all_there(page):
 
 
 def test_reproducible_and_refused(corner, terrain, page, tmp_path):
-    from sketchterrain.io.console import Stages
-    from sketchterrain.jobs.export import write_export
-
-    write_export(checked_plan(corner, "web", ExportOptions(size=100)), terrain, tmp_path, stages=Stages())
+    export(terrain, "web", tmp_path, size=100)
     for path in tmp_path.iterdir():
         assert path.read_bytes() == (page.folder / path.name).read_bytes(), path.name
     with pytest.raises(InputError, match="at most 4097 vertices"):

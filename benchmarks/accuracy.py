@@ -13,7 +13,7 @@ from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.appearance_error import appearance_table, drape_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground, scattered_keys
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
@@ -65,7 +65,7 @@ class _Sample:
         return height[:, 1:-1, 1:-1], normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Error of heights, normals and material weights against nanoseconds a vertex, for several cell sizes.
 
     The float32 kernels and the same source built with `REAL=double` evaluate the same random tiles, timed by
@@ -96,7 +96,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
             rows += [shared | row for row in _compare(sample, context, exact, effort.rounds)]
     errors = Table("Error against time", tuple(rows))
     painted = appearance_table(context, exact, effort)
-    return Outcome((errors, choices.table(context, effort), painted, drape_table(context, effort)))
+    return (errors, choices.table(context, effort), painted, drape_table(context, effort))
 
 
 def _sample(terrain: Terrain, level: int, count: int) -> _Sample:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import run_program
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ SKETCH: Final = "valley_river"
 _HEADINGS = {"jobs": "at once"}
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Terrains a minute by the clock: `batch` beside `generate`, once a seed in a fresh process.
 
     Seeds of valley_river with all files, and without the preview; batches of one and of two terrains in work
@@ -55,7 +55,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
                     rounds[files, jobs].append((fresh[files], took))
     rows = [_row(files, jobs, effort.batch_seeds, rounds[files, jobs]) for files, _, jobs in variants]
     title = f"{SKETCH}, {effort.batch_size} vertices along a side, {effort.batch_fresh} one by one"
-    return Outcome((Table(title, tuple(rows), _HEADINGS),))
+    return (Table(title, tuple(rows), _HEADINGS),)
 
 
 def _row(files: str, jobs: int, seeds: int, rounds: Sequence[tuple[float, float]]) -> Row:

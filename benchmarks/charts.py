@@ -18,7 +18,7 @@ from sketchterrain.benchmarks.low_flight import draw_flight
 from sketchterrain.benchmarks.pictures import draw_motion, draw_parts, draw_previews, draw_qualities
 from sketchterrain.benchmarks.plotting import STYLE, BarPanel, Curves, draw_bars, draw_curves
 from sketchterrain.benchmarks.points import draw_room, draw_spectra, draw_table_6_1
-from sketchterrain.benchmarks.report import Outcome, Row
+from sketchterrain.benchmarks.report import Row, Tables
 from sketchterrain.benchmarks.roads import draw_roads
 from sketchterrain.benchmarks.speed import draw_rates, draw_thesis
 from sketchterrain.benchmarks.splines import draw_splines
@@ -31,7 +31,7 @@ def available() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def draw(name: str, outcome: Outcome) -> dict[str, bytes]:
+def draw(name: str, tables: Tables) -> dict[str, bytes]:
     """Return a benchmark's chart as the contents of files by suffix, or nothing if it has none.
 
     Also nothing where matplotlib is missing.
@@ -41,9 +41,9 @@ def draw(name: str, outcome: Outcome) -> dict[str, bytes]:
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        drawn = {"": CHARTS[name](outcome.tables[0].rows)}
+        drawn = {"": CHARTS[name](tables[0].rows)}
         for number, (ending, drawer) in enumerate(MORE.get(name, {}).items(), start=1):
-            drawn[f"-{ending}"] = drawer(outcome.tables[number].rows)
+            drawn[f"-{ending}"] = drawer(tables[number].rows)
         return {
             f"{ending}.{kind}": _saved(figure, kind)
             for ending, figure in drawn.items()

@@ -239,7 +239,7 @@ def _worst(work: Callable[[], Reals], truth: Reals) -> float:
 
 def _splines(context: TimedContext, effort: Effort) -> Iterator[Row]:
     few = replace(effort, spline_count=min(effort.spline_count, _SPLINES))
-    found = splines.measure(context, few).tables[0].rows
+    found = splines.measure(context, few)[0].rows
     for row in found:
         if row["cell_size"] == _SPLINE_CELL:
             yield {

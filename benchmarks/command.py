@@ -19,7 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from sketchterrain.benchmarks.charts import available, draw
 from sketchterrain.benchmarks.effort import FULL, QUICK, Effort
 from sketchterrain.benchmarks.registry import BENCHMARKS, Benchmark, choose
-from sketchterrain.benchmarks.report import Cell, Outcome, markdown, terminal
+from sketchterrain.benchmarks.report import Cell, Tables, markdown, terminal
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.export.files import prepare_folder
 from sketchterrain.io.files import wrap_os_errors, write_atomic
@@ -46,7 +46,7 @@ class Report:
 
     about: Mapping[str, str]
     rounds: int
-    outcomes: tuple[tuple[Benchmark, Outcome], ...]
+    outcomes: tuple[tuple[Benchmark, Tables], ...]
 
     def json(self) -> str:
         """Return every number, times in seconds included, as JSON; six digits of each count."""
@@ -66,7 +66,7 @@ class Report:
                                 "title": table.title,
                                 "rows": [{k: _rounded(v) for k, v in row.items()} for row in table.rows],
                             }
-                            for table in outcome.tables
+                            for table in outcome
                         ],
                     }
                     for benchmark, outcome in self.outcomes
@@ -92,7 +92,7 @@ class Report:
             lines += [f"Surface: {benchmark.surface}. Seed: {benchmark.seed}.", ""]
             for picture in pictures.get(benchmark.name, ()):
                 lines += [f"![{benchmark.name}]({picture})", ""]
-            lines += [markdown(table) for table in outcome.tables]
+            lines += [markdown(table) for table in outcome]
         return "\n".join(lines)
 
     def write(self, folder: Path) -> bool:
@@ -193,7 +193,7 @@ def _show(report: Report) -> None:
         console.print(f"[bold]{heading:9}[/bold] {text}", highlight=False)
     for benchmark, outcome in report.outcomes:
         console.print(f"\n[bold]{benchmark.name}[/bold] on {benchmark.surface}", highlight=False)
-        for table in outcome.tables:
+        for table in outcome:
             shown = terminal(table)
             # A narrow terminal shall break lines rather than words and numbers.
             needed = Measurement.get(console, console.options, shown).minimum

@@ -14,7 +14,7 @@ from sketchterrain.benchmarks.plotting import (
     Curves,
     draw_curves,
 )
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES
@@ -37,7 +37,7 @@ _HEADINGS = {
 }
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Microseconds a tile over the number of features in the world, at one density, by the clock.
 
     Dune fields of 120 to 300 m radius lie anywhere in a square that grows with their number. Each round looks
@@ -47,9 +47,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """
     worlds = {count: _World(count, context) for count in effort.culling_features}
     laps = alternate({count: world.look for count, world in worlds.items()}, rounds=effort.rounds)
-    return Outcome(
-        (Table("Culling", tuple(_row(worlds[count], laps[count]) for count in worlds), _HEADINGS),)
-    )
+    return (Table("Culling", tuple(_row(worlds[count], laps[count]) for count in worlds), _HEADINGS),)
 
 
 def _scattered_dunes(count: int) -> tuple[StructuredArray, float]:

@@ -32,7 +32,7 @@ from sketchterrain.benchmarks.draped_data import (
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground
 from sketchterrain.benchmarks.plotting import Curves, draw_curves
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
@@ -478,7 +478,7 @@ def _drag_row(
     return _time_row("vertex dragged: a frame", seconds[2:])
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Drape synthetic lines and areas over a terrain by each method; pick, edit and restyle them.
 
     Error: layers of random areas, of lines 8 m wide, and of lines 0.3 m wide, white, from 1.7 m, a hill
@@ -507,13 +507,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         data = tuple(data_rows(terrain, folder, effort))
         motion = tuple(motion_rows(terrain, folder, effort))
         interaction = tuple(interaction_rows(terrain, folder, effort))
-    return Outcome(
-        (
-            Table("Errors of draped layers", errors, _ERRORS),
-            Table("Data in use", data, _DATA),
-            Table("Motion", motion, _MOTION),
-            Table("Picking and editing", interaction, _INTERACTION),
-        )
+    return (
+        Table("Errors of draped layers", errors, _ERRORS),
+        Table("Data in use", data, _DATA),
+        Table("Motion", motion, _MOTION),
+        Table("Picking and editing", interaction, _INTERACTION),
     )
 
 

@@ -22,7 +22,7 @@ from sketchterrain.benchmarks import detail
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.elevation_seams import generated_heights, patchwork, seam_tables
 from sketchterrain.benchmarks.flight_scene import RATE, OwnTiles, Stop, view_of
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.store import load_sketch
@@ -69,7 +69,7 @@ _RATES = {
 }
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Patchworks of generated DEM grids (Rocca, Panozzo & Puppo 2012), times in seconds beside the paper's.
 
     The ground is noise whose amplitudes fall as k^-1.9, in steps of 10 m, with a deviation of 600 m. Errors
@@ -87,17 +87,15 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     deviation of lattices of octaves that are shifted by parts of an octave.
     """
     sides = effort.elevation_sides
-    return Outcome(
-        (
-            Table("Exactness and bound", tuple(_bounds(sides[0])), _BOUNDS),
-            Table("Building", tuple(_build(each, effort.rounds) for each in sides), _BUILDS),
-            Table("Stores on disk", tuple(_store(each) for each in sides), _STORES),
-            Table("Queries and evaluation", tuple(_rates(sides[0])), _RATES),
-            tile_times(context, effort),
-            flight_table(tuple(_flight(context, each) for each in sides)),
-            *seam_tables(effort),
-            detail.table(effort.detail_lattices),
-        )
+    return (
+        Table("Exactness and bound", tuple(_bounds(sides[0])), _BOUNDS),
+        Table("Building", tuple(_build(each, effort.rounds) for each in sides), _BUILDS),
+        Table("Stores on disk", tuple(_store(each) for each in sides), _STORES),
+        Table("Queries and evaluation", tuple(_rates(sides[0])), _RATES),
+        tile_times(context, effort),
+        flight_table(tuple(_flight(context, each) for each in sides)),
+        *seam_tables(effort),
+        detail.table(effort.detail_lattices),
     )
 
 

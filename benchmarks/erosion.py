@@ -26,7 +26,7 @@ from sketchterrain.benchmarks.plotting import (
     draw_curves,
     new_figure,
 )
-from sketchterrain.benchmarks.report import Outcome, Row, Table, samples_of, value_of
+from sketchterrain.benchmarks.report import Row, Table, Tables, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, lap, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import make_recipe
@@ -65,7 +65,7 @@ _SHAPES = {
 }
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Slopes, drainage and heights of drained mountains, beside plain noise and beside a simulation.
 
     The ground is the middle of alpine_range in cells of 8 m, its relief alone: with its gullies, without
@@ -104,11 +104,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     noise = (noise - noise.mean()) / noise.std() * heights[_PLAIN].std() + heights[_PLAIN].mean()
     rows.insert(0, _shape(_NOISE, noise, [seconds]))
     rows.append(_simulated(noise))
-    return Outcome(
-        (
-            Table("What comes out", tuple(rows), _SHAPES),
-            Table("Normals", tuple(_normals({_PLAIN: plain, _ERODED: eroded}, axis))),
-        )
+    return (
+        Table("What comes out", tuple(rows), _SHAPES),
+        Table("Normals", tuple(_normals({_PLAIN: plain, _ERODED: eroded}, axis))),
     )
 
 

@@ -27,7 +27,7 @@ from sketchterrain.benchmarks.flight_scene import (
     view_of,
     within_world,
 )
-from sketchterrain.benchmarks.report import Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.report import Row, Table, Tables, value_of
 from sketchterrain.benchmarks.screen_error import ErrorSummary
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.generation.terrain import Terrain
@@ -313,7 +313,7 @@ def reaching(rows: Sequence[Row], method: str, key: str, *, pixels: float = 1.0)
     return float(np.exp(np.interp(np.log(pixels), errors, np.log([value for _, value in known]))))
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Compare level-of-detail methods for views of a world, by screen error, triangles and time.
 
     The world is valley_river scaled to 4096 m, the finest quads are at least 0.2 m; the camera flies 10 s at
@@ -341,7 +341,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     generation = flights(terrain, effort)
     thesis, own = (_at_one_pixel_setting(errors, method) for method in (THESIS, OURS))
     first = first_views(context, terrain, effort, tessellation=thesis, tolerance=own)
-    return Outcome((errors, generation, at_one_pixel(errors.rows), first))
+    return (errors, generation, at_one_pixel(errors.rows), first)
 
 
 def _at_one_pixel_setting(errors: Table, start: str) -> float | None:

@@ -14,7 +14,7 @@ from sketchterrain.benchmarks.appearance_error import AT, GROUND, kernel_drapes,
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, RELIEF, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.poisson_disk import PoissonDisk
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.splines import KERNELS, SplineQueries, splines_and_places
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.compute.device import list_devices
@@ -145,7 +145,7 @@ WRITTEN: Mapping[str, float] = {
 """Bytes that a work item writes, for every kernel in ``kernels/*.cl``."""
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Device time of a launch of every kernel, by profiling events.
 
     `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
@@ -172,7 +172,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     order = list(WRITTEN)
     rows.sort(key=lambda row: order.index(str(row["kernel"])))
     tables = Table("Kernels", tuple(rows)), _size_table(context, effort)
-    return Outcome((*tables, host.times(effort.host_side, effort.rounds)))
+    return (*tables, host.times(effort.host_side, effort.rounds))
 
 
 Work = Callable[[], object]

@@ -34,7 +34,7 @@ from sketchterrain.benchmarks.plotting import (
     draw_bars,
     draw_curves,
 )
-from sketchterrain.benchmarks.report import Cell, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.report import Cell, Row, Table, Tables, value_of
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
@@ -76,7 +76,7 @@ _STABILITY = {
 }
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Realism against time and adherence; realism of whole terrains; what changes move.
 
     First table: random painted sketches of 7680 m (a range, two mountains, three hills; fidelity 0.8),
@@ -99,12 +99,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """
     sketches = [painted_sketch(number) for number in range(effort.landform_sketches)]
     trade, usual, others = _trade_offs(context, sketches, effort)
-    return Outcome(
-        (
-            Table("Realism, adherence, time", tuple(trade), _TRADE),
-            Table("Realism of terrains", tuple(_terrains(context, sketches, effort)), _TERRAINS),
-            Table("Stability", tuple(_stability(sketches, usual, others, effort)), _STABILITY),
-        )
+    return (
+        Table("Realism, adherence, time", tuple(trade), _TRADE),
+        Table("Realism of terrains", tuple(_terrains(context, sketches, effort)), _TERRAINS),
+        Table("Stability", tuple(_stability(sketches, usual, others, effort)), _STABILITY),
     )
 
 

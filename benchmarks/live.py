@@ -31,7 +31,7 @@ from sketchterrain.benchmarks.plotting import (
     draw_bars,
     new_figure,
 )
-from sketchterrain.benchmarks.report import Outcome, Row, Table, samples_of, value_of
+from sketchterrain.benchmarks.report import Row, Table, Tables, samples_of, value_of
 from sketchterrain.benchmarks.timing import TimedContext, spread
 from sketchterrain.document.drapes import draped_layer
 from sketchterrain.document.sketch import Sketch
@@ -314,7 +314,7 @@ _SHAPES = {
 }
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Milliseconds from a stroke to changed terrain, stalls of the window, and seconds until a view is still.
 
     A sketch of 512 px with 20 shapes (18 blobs, a lake, a river) in the program's own window, with the real
@@ -347,13 +347,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     views = tuple(_view(preset, effort) for preset in effort.view_presets)
     shapes = tuple(row for preset in effort.view_presets for row in _shapes(preset, effort))
     size = "{} × {}".format(*effort.view_sizes[-1])
-    return Outcome(
-        (
-            Table(f"From a stroke to changed terrain, seed {SEED}", tuple(rows), _HEADINGS),
-            Table("Dragging a vertex", drags, _DRAGS),
-            Table(f"The view from start to still, {size}", views, _VIEWS),
-            Table("Live picture beside the still of its camera, {} × {}".format(*_SIZE), shapes, _SHAPES),
-        )
+    return (
+        Table(f"From a stroke to changed terrain, seed {SEED}", tuple(rows), _HEADINGS),
+        Table("Dragging a vertex", drags, _DRAGS),
+        Table(f"The view from start to still, {size}", views, _VIEWS),
+        Table("Live picture beside the still of its camera, {} × {}".format(*_SIZE), shapes, _SHAPES),
     )
 
 

@@ -15,7 +15,7 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 from skimage.measure import block_reduce
 
 from sketchterrain.benchmarks.plotting import BarPanel, Curves, draw_bars, draw_curves
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import run_program, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
@@ -57,7 +57,7 @@ _STAGES: Final = ("generation", "light", "plant", "draw")
 _MOTION = {"within": "tiles within the budget, % of frames"}
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Time pictures at several qualities, and compare each with the best.
 
     The cameras are those that `render --view` chooses. Milliseconds a picture by the clock, until OpenGL has
@@ -106,15 +106,13 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
 def _outcome(
     qualities: list[Row], parts: list[Row], motion: list[Row], previews: list[Row], effort: Effort
-) -> Outcome:
+) -> Tables:
     size = "{} × {}".format(*effort.picture_size)
-    return Outcome(
-        (
-            Table(f"Pictures by quality, {size}", tuple(qualities), _QUALITIES),
-            Table(f"Parts of a picture of quality 1, {size}", tuple(parts), _WITHOUT),
-            Table("In motion", tuple(motion), _MOTION),
-            Table(f"`generate`, {effort.batch_size} vertices along a side", tuple(previews)),
-        )
+    return (
+        Table(f"Pictures by quality, {size}", tuple(qualities), _QUALITIES),
+        Table(f"Parts of a picture of quality 1, {size}", tuple(parts), _WITHOUT),
+        Table("In motion", tuple(motion), _MOTION),
+        Table(f"`generate`, {effort.batch_size} vertices along a side", tuple(previews)),
     )
 
 

@@ -34,7 +34,7 @@ from sketchterrain.benchmarks.point_methods import (
     thesis,
 )
 from sketchterrain.benchmarks.poisson_disk import TRIALS
-from sketchterrain.benchmarks.report import Outcome, Row, Table, samples_of, value_of
+from sketchterrain.benchmarks.report import Row, Table, Tables, samples_of, value_of
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
@@ -72,7 +72,7 @@ _LARGE_HEADINGS = {"side": "side, r", "trials": "k"}
 _SPECTRUM_HEADINGS = {"trials": "k", "worst": "worst band's anisotropy, dB"}
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Points a second, fill, free area and spectrum of Poisson-disk methods.
 
     Time is by the clock, from call to points in memory, with buffers created before; laps below 0.1 s have
@@ -94,7 +94,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     Fourth, larger squares by this program; the launches alone, by profiling events.
     """
     tables = (_table_6_1(context, effort), _room(context, effort), _spectra(context, effort))
-    return Outcome((*tables, _large(context, effort)))
+    return (*tables, _large(context, effort))
 
 
 def _table_6_1(context: TimedContext, effort: Effort) -> Table:

@@ -29,7 +29,7 @@ from sketchterrain.benchmarks import points as blue_noise
 from sketchterrain.benchmarks.draped_data import SEED
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE_SEED
-from sketchterrain.benchmarks.report import Outcome
+from sketchterrain.benchmarks.report import Tables
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.errors import InputError
 
@@ -41,7 +41,7 @@ class Benchmark:
     name: str
     surface: str
     seed: str
-    measure: Callable[[TimedContext, Effort], Outcome]
+    measure: Callable[[TimedContext, Effort], Tables]
 
     @property
     def method(self) -> str:

@@ -56,11 +56,8 @@ class Table:
         return " ".join([*words, last])
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The tables of one benchmark."""
-
-    tables: tuple[Table, ...]
+Tables: TypeAlias = "tuple[Table, ...]"
+"""The tables of one benchmark."""
 
 
 def value_of(row: Row, key: str) -> float:

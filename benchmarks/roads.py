@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.plotting import Curves, draw_curves
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.road_methods import METHODS, Problem, RoadSamples, road_samples
 from sketchterrain.benchmarks.timing import TimedContext, alternate
 from sketchterrain.document.rasters import raster_source
@@ -60,7 +60,7 @@ _Line: TypeAlias = tuple[str, float | None, float, int, str]
 """A measure, what is asked, what is reached, of how many, and facts."""
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Roads, railways and paths of Andorra (OpenStreetMap 2013) on SRTM 3″, and what is asked of them.
 
     Without the files that `SKETCHTERRAIN_DEMS` and `SKETCHTERRAIN_OSM` name: the preset `mountain_pass`.
@@ -84,12 +84,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         for line in work(case)
     ]
     title = f"{case.length / 1e3:.0f} km of car roads"
-    return Outcome(
-        (
-            Table("Longitudinal profiles", tuple(_profiles(case)), _PROFILES),
-            Table(title, tuple(lines)),
-        )
-    )
+    return (Table("Longitudinal profiles", tuple(_profiles(case)), _PROFILES), Table(title, tuple(lines)))
 
 
 def _sketch() -> Sketch:

@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.baselines.noise import Absent, Rival, in_c, in_fas
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, OCTAVES, NoiseGrid, central_keys, open_ground
 from sketchterrain.benchmarks.plotting import BarPanel, Curves, draw_bars, draw_curves
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.thesis import LEVEL
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute.device import list_devices
@@ -130,7 +130,7 @@ _NOISE_HEADINGS = {
 }
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Compare median times of this program and of others that do the same, in alternating rounds.
 
     Noise: float32 simplex fBm of 8 octaves in two dimensions on a square grid, by the clock from call to the
@@ -153,8 +153,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     kernels in the same run; noise and bare tiles as shares of the lower of the two bounds of their bytes and
     operations. A processor computes integers in parallel with reals, so noise can pass its bound.
     """
-    tables = (_noise(context, effort), thesis.table(context, effort), _roofline(context, effort))
-    return Outcome(tables)
+    return _noise(context, effort), thesis.table(context, effort), _roofline(context, effort)
 
 
 @dataclass(frozen=True)

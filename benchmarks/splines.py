@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sketchterrain.array_types import Float64Array
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.plotting import Curves, draw_curves
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 from sketchterrain.geometry.splines import cubics
 from sketchterrain.terrain.centrelines import flatten, position
@@ -240,7 +240,7 @@ _MOST_TIMED = 1 << 16
 _HEADINGS = {"failures": "failures, %", "worst_share": "worst, % of a cell"}
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Errors, and device time in nanoseconds a place, of every way to the distance to a spline.
 
     Splines have six control points 58 m apart, as the rivers of valley_river have, and 64 places each: close
@@ -282,11 +282,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         )
     shown = [row for row in rows if row["cell_size"] == _SHOWN_CELL]
     kinds = tuple({key: row[key] for key in ("method", *KINDS)} for row in shown)
-    return Outcome(
-        (
-            Table(f"Distance to a spline, {expected.size} places", tuple(rows), _HEADINGS, KINDS),
-            Table(f"Failures by trap, % of the places, cells of {_SHOWN_CELL:g} m", kinds),
-        )
+    return (
+        Table(f"Distance to a spline, {expected.size} places", tuple(rows), _HEADINGS, KINDS),
+        Table(f"Failures by trap, % of the places, cells of {_SHOWN_CELL:g} m", kinds),
     )
 
 

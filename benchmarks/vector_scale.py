@@ -17,7 +17,7 @@ from sketchterrain.benchmarks.clipped_tree import index_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.low_flight import SIZE, TileUpdates, flight_table
 from sketchterrain.benchmarks.plotting import Curves, draw_curves
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.synthetic_land import EXTENT, SEED, SIDE, curve_count, synthetic_land
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap
 from sketchterrain.compute.context import ComputeContext
@@ -44,7 +44,7 @@ _HIGH, _VIEW = 300.0, 2000.0  # m above the ground; of the ground ahead that is 
 _EDITS = {"changed": "tiles an edit", "equal": "tiles like a new terrain's, bit for bit"}
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Load, show and edit a country of fields, woods, villages and roads, from 10³ to 6·10⁵ curves.
 
     The largest has as many curves and areas as Bruneton & Neyret (2008). Each smaller one is the middle of a
@@ -74,13 +74,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         for side in (few, many)
     ]
     edits.append(_edit_row(many, countries[many], "with", context, max(effort.scale_edits // 20, 2)))
-    return Outcome(
-        (
-            Table("Countries of one density", scale),
-            pieces,
-            flight,
-            Table("Edits in view", tuple(edits), _EDITS),
-        )
+    return (
+        Table("Countries of one density", scale),
+        pieces,
+        flight,
+        Table("Edits in view", tuple(edits), _EDITS),
     )
 
 

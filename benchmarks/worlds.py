@@ -16,7 +16,7 @@ from sketchterrain.benchmarks.plotting import (
     Curves,
     draw_curves,
 )
-from sketchterrain.benchmarks.report import Outcome, Row, Table
+from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import run_program
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _LAYERS = {"raw": "bytes a vertex, raw"}
 _WORKERS = {"ratio": "throughput, of alone"}
 
 
-def measure(context: TimedContext, effort: Effort) -> Outcome:
+def measure(context: TimedContext, effort: Effort) -> Tables:
     """Seconds and most memory of `world` by its number of vertices, each in a fresh process.
 
     Squares of valley_river from its south-west corner on, beyond the sketch where they are larger, 1 m apart,
@@ -48,12 +48,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
             sizes.append(_size(side, report))
         workers = _workers(Path(folder), effort, ["--device", str(context.device.index)])
     title = f"{SKETCH}, cells of 1 m, Zarr"
-    return Outcome(
-        (
-            Table(title, tuple(sizes)),
-            Table(f"Bytes by layer, {effort.world_sides[-1]} vertices a side", tuple(layers), _LAYERS),
-            Table(f"Workers, {effort.world_workers_side} vertices a side", tuple(workers), _WORKERS),
-        )
+    return (
+        Table(title, tuple(sizes)),
+        Table(f"Bytes by layer, {effort.world_sides[-1]} vertices a side", tuple(layers), _LAYERS),
+        Table(f"Workers, {effort.world_workers_side} vertices a side", tuple(workers), _WORKERS),
     )
 
 

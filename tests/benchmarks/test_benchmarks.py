@@ -17,7 +17,7 @@ from sketchterrain.benchmarks import BENCHMARKS, batches, charts, pictures, worl
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.report import Outcome
+from sketchterrain.benchmarks.report import Tables
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import save_sketch
@@ -30,14 +30,14 @@ SOAK += ("roads", "scale", "speed")
 """Benchmarks of the default tier, and those that take 8 to 450 s; all others are slow."""
 
 
-class Outcomes(dict[str, Outcome]):
+class Outcomes(dict[str, Tables]):
     """Of each benchmark, measured when a test wants it: tests of several processes share the work."""
 
     def __init__(self, context: TimedContext, effort: Effort, small: Path) -> None:
         super().__init__()
         self._given, self._small = (context, replace(effort, view_presets=(str(small),))), small
 
-    def __missing__(self, name: str) -> Outcome:
+    def __missing__(self, name: str) -> Tables:
         with pytest.MonkeyPatch.context() as patch:
             for module in (batches, pictures, worlds):
                 patch.setattr(module, "run_program", reported)
@@ -58,7 +58,7 @@ def reported(words: Sequence[str]) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def outcomes(context, tiny, tmp_path_factory) -> dict[str, Outcome]:
+def outcomes(context, tiny, tmp_path_factory) -> dict[str, Tables]:
     small = tmp_path_factory.mktemp("sketches") / "small"
     save_sketch(Sketch(extent=256.0, layers={"mountain": np.eye(32, dtype=np.uint8)}), small)
     return Outcomes(context, tiny, small)
@@ -70,13 +70,13 @@ def by_tier(names: Iterable[str], default: Sequence[str] = ()) -> list[Any]:
     return [name if name in default else pytest.param(name, marks=mark) for name, mark in marks.items()]
 
 
-def rows(outcome: Outcome, table: int = 0) -> list[Any]:
-    return list(outcome.tables[table].rows)
+def rows(outcome: Tables, table: int = 0) -> list[Any]:
+    return list(outcome[table].rows)
 
 
 @pytest.mark.parametrize("name", by_tier(BENCHMARKS, DEFAULT))
 def test_every_shown_value_is_there_and_finite(outcomes, name):
-    for table in outcomes[name].tables:
+    for table in outcomes[name]:
         assert table.rows
         assert {*table.headings} <= {*table.keys}
         for row in table.rows:

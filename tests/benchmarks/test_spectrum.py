@@ -11,7 +11,7 @@ from sketchterrain.benchmarks import points as blue_noise
 from sketchterrain.benchmarks.baselines.points import throw_darts
 from sketchterrain.benchmarks.point_methods import HIGHEST, LOWEST, SIDE, fill_of, room_of, spectrum_of
 from sketchterrain.benchmarks.poisson_disk import TRIALS, PoissonDisk
-from sketchterrain.benchmarks.report import Outcome
+from sketchterrain.benchmarks.report import Tables
 from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
 SETS = 20
@@ -117,12 +117,12 @@ def test_levels_show_no_direction_either(context, darts):
 
 
 @pytest.fixture(scope="module")
-def outcome(context, tiny) -> Outcome:
+def outcome(context, tiny) -> Tables:
     return blue_noise.measure(context, tiny)
 
 
-def rows(outcome: Outcome, table: int) -> list[Any]:
-    return list(outcome.tables[table].rows)
+def rows(outcome: Tables, table: int) -> list[Any]:
+    return list(outcome[table].rows)
 
 
 def test_room_and_fill_of_known_points():

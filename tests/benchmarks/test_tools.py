@@ -161,7 +161,7 @@ def test_stages_of_live_painting_add_up_to_the_whole():
 @pytest.mark.gl
 @pytest.mark.soak
 def test_painting_is_followed(tiny):
-    table, *_ = measure(None, replace(tiny, view_presets=())).tables
+    table, *_ = measure(None, replace(tiny, view_presets=()))
     strokes, dabs = table.rows
     assert strokes["updates"] >= 10
     assert dabs["updates"] >= dabs["strokes"] >= 2

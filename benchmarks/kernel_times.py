@@ -17,93 +17,14 @@ from sketchterrain.benchmarks.poisson_disk import PoissonDisk
 from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.splines import KERNELS, SplineQueries, splines_and_places
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
-from sketchterrain.compute.device import list_devices
-from sketchterrain.compute.device_check import is_usable
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.geometry.lattice import QUADS, level_step, metres_per_unit
+from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.look.texture_maker import emboss, paint_layer
 from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.appearance import Appearance
-from sketchterrain.terrain.inputs import KernelInputs
-from sketchterrain.terrain.patches import Patches, PatchLauncher, sample_stride
-from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.surfaces import SurfaceStore, vertex_dtype
+from sketchterrain.terrain.patches import sample_stride
+from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.vegetation.graded_poisson import GradedPoisson, SpacingRaster
-
-SIZES = (16, 32, 64, 128)
-"""Quads along a tile's side; tiles have 64."""
-
-_SIZED = ("patches", "surfaces")  # kernels that are timed by size
-
-
-def _size_table(context: TimedContext, effort: Effort) -> Table:
-    """Measure squares of the same ground cut into tiles of each size, on every device there is."""
-    rows: list[Row] = []
-    for device in filter(is_usable, list_devices()):
-        same = device.index == context.device.index
-        opened = context if same else TimedContext(str(device.index), fast=context.fast)
-        rows += _rows(opened, effort)
-    return Table("Tiles' kernels by size, level and device", tuple(rows))
-
-
-def _rows(context: TimedContext, effort: Effort) -> list[Row]:
-    works: dict[tuple[str, int, int], _Square] = {}
-    for ground in (BARE, *effort.presets[-1:]):
-        recipe = open_ground(ground, context).recipe
-        works |= {
-            (ground, level, quads): _Square(recipe, context, level, quads, effort.kernel_tiles)
-            for level in effort.kernel_levels
-            for quads in SIZES
-        }
-    laps = alternate({key: square.lap for key, square in works.items()}, rounds=effort.rounds)
-    return [_row(context, key, works[key], kernel, laps[key]) for kernel in _SIZED for key in works]
-
-
-class _Square:
-    """The middle of a sketch, as large as so many tiles of a level, cut into tiles of so many quads."""
-
-    def __init__(
-        self, recipe: TerrainRecipe, context: TimedContext, level: int, quads: int, tiles: int
-    ) -> None:
-        step = level_step(level)
-        along = max(int(np.sqrt(tiles)) * QUADS // quads, 1)
-        number = np.arange(along * along)
-        middle = (2**level * QUADS // 2 - along * quads // 2) * step
-        offset = np.arange(-1, quads + 2) * step
-        column, row = middle + number % along * quads * step, middle + number // along * quads * step
-        cell = step * metres_per_unit(recipe.extent)
-        self._patches = Patches(column[:, None] + offset, row[:, None] + offset[::-1], cell)
-        self._context = context
-        self._launcher = PatchLauncher(KernelInputs(recipe, context))
-        self._store = SurfaceStore(context, quads + 1, self._patches.count, len(recipe.materials))
-        self.tiles = self._patches.count
-        self.vertices = self._patches.count * (quads + 1) ** 2
-
-    def lap(self) -> Lap:
-        """Evaluate it once."""
-        slots = np.arange(self.tiles)
-        return self._context.lap(lambda: self._launcher.surfaces(self._patches, self._store, slots))
-
-
-def _row(
-    context: TimedContext, key: tuple[str, int, int], square: _Square, kernel: str, laps: Sequence[Lap]
-) -> Row:
-    ground, level, quads = key
-    seconds = [one.seconds for lap in laps for one in lap.launches if one.kernel == kernel]
-    times = spread(seconds)
-    return {
-        "device": f"{context.device.index}: {context.device.platform}",
-        "kernel": kernel,
-        "ground": ground,
-        "level": level,
-        "quads": quads,
-        "tiles": square.tiles,
-        **times.cells("launches"),
-        "million_vertices_per_s": square.vertices / times.median * 1e-6,
-        "gigabytes_per_s": square.vertices * WRITTEN[kernel] / times.median * 1e-9,
-        "seconds": seconds,
-    }
-
 
 _REAL = 4
 _POINT_RADIUS = 1 << 14  # lattice units
@@ -163,16 +84,14 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
     are over all launches of all rounds; rates are work items, and the bytes that they write, over the median.
     `patches` is padded to groups of 256 items.
 
-    The second table times the tiles' kernels on every device: the same area in tiles of 16 to 128 quads, at
-    each level, per vertex. The third times the loops on the host, which are compiled C.
+    The second table times the loops on the host, which are compiled C.
     """
     works = dict(_works(context, effort))
     laps = alternate({case: partial(context.lap, work) for case, work in works.items()}, rounds=effort.rounds)
     rows = [row for case in works for row in _time_rows(case, laps[case])]
     order = list(WRITTEN)
     rows.sort(key=lambda row: order.index(str(row["kernel"])))
-    tables = Table("Kernels", tuple(rows)), _size_table(context, effort)
-    return (*tables, host.times(effort.host_side, effort.rounds))
+    return Table("Kernels", tuple(rows)), host.times(effort.host_side, effort.rounds)
 
 
 Work = Callable[[], object]

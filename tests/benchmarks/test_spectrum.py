@@ -1,7 +1,5 @@
 """The measures of blue noise where the answer is known; the program's points are as good as darts."""
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -11,7 +9,6 @@ from sketchterrain.benchmarks import points as blue_noise
 from sketchterrain.benchmarks.baselines.points import throw_darts
 from sketchterrain.benchmarks.point_methods import HIGHEST, LOWEST, SIDE, fill_of, room_of, spectrum_of
 from sketchterrain.benchmarks.poisson_disk import TRIALS, PoissonDisk
-from sketchterrain.benchmarks.report import Tables
 from sketchterrain.vegetation.poisson_grids import GREATEST_DENSITY
 
 SETS = 20
@@ -116,15 +113,6 @@ def test_levels_show_no_direction_either(context, darts):
         assert spectrum.power_difference(reference) < 0.2
 
 
-@pytest.fixture(scope="module")
-def outcome(context, tiny) -> Tables:
-    return blue_noise.measure(context, tiny)
-
-
-def rows(outcome: Tables, table: int) -> list[Any]:
-    return list(outcome[table].rows)
-
-
 def test_room_and_fill_of_known_points():
     inner = 16.0  # a side of 20 without two distances on either side
     room = room_of(np.array([[10.0, 10.0]]), 20.0, places=200_000, seed=1)
@@ -134,16 +122,6 @@ def test_room_and_fill_of_known_points():
     doubled = np.concatenate([grid, grid[grid[:, 0] < 2.0] + 0.1])
     assert fill_of(grid, 20.0) == pytest.approx(1.0 / GREATEST_DENSITY)
     assert fill_of(doubled, 20.0) == fill_of(grid, 20.0)
-
-
-@pytest.mark.slow
-def test_darts_fill_all_and_leave_no_room():
-    darts = throw_darts(60.0, seed=4)
-    assert room_of(darts, 60.0, places=50_000, seed=2) == 0.0
-    assert fill_of(darts, 60.0) == pytest.approx(1.0, abs=0.02)
-    fewer = darts[: len(darts) // 2]
-    assert fill_of(fewer, 60.0) == pytest.approx(0.5, abs=0.03)
-    assert room_of(fewer, 60.0, places=50_000, seed=2) > 0.15
 
 
 @pytest.mark.slow

@@ -269,15 +269,11 @@ def test_render_passes_options_on(call, sketch, tmp_path, pictures):
     parts = ["--without", "trees", "--without", "haze", "--textures", tmp_path]
     done = call("render", sketch, "-o", tmp_path / "a.png", *look, *parts)
     assert done.code == 0, done.err
-    picture_options = pictures[0]
-    assert (picture_options["view"], picture_options["weather"].hour, picture_options["weather"].clouds) == (
-        "hill",
-        9.5,
-        0.2,
-    )
-    assert picture_options["weather"].sky == "stratocumulus"
-    assert picture_options["quality"] == Quality.from_level(0.5, without=("trees", "haze"))
-    assert (picture_options["textures"], picture_options["camera"]) == (tmp_path, None)
+    (given,) = pictures
+    weather = given["weather"]
+    assert (given["view"], weather.hour, weather.clouds, weather.sky) == ("hill", 9.5, 0.2, "stratocumulus")
+    assert given["quality"] == Quality.from_level(0.5, without=("trees", "haze"))
+    assert (given["textures"], given["camera"]) == (tmp_path, None)
 
 
 @pytest.mark.slow

@@ -55,12 +55,8 @@ def test_frames_of_a_path(call, sketch, path, tmp_path, captures):
     with Image.open(out / "0007.png") as image:
         assert (image.size, image.getpixel((0, 0))) == ((64, 48), (63, 63, 63))
     (shot,) = captures
-    assert (shot["fps"], shot["size"], shot["complete"], shot["quality"]) == (
-        5,
-        (64, 48),
-        True,
-        None,
-    )
+    given = [shot[name] for name in ("fps", "size", "complete", "quality")]
+    assert given == [5, (64, 48), True, None]
     eye, terrain = shot["views"].eye, shot["terrain"]
     assert eye[::5, 1] == pytest.approx([50.0, 90.0], abs=1e-3)  # at keyframes
     assert np.diff(eye[:, 1]) == pytest.approx(8.0, rel=1e-3)  # along a line that rises with the ground

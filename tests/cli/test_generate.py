@@ -103,20 +103,6 @@ def test_report_matches_the_terrain(generated, sketch):
     assert sum(stages) <= total + 0.01
 
 
-@pytest.mark.slow
-def test_seed_option_changes_the_terrain_not_the_sketch(generated, sketch, tmp_path):
-    before = (sketch / "sketch.toml").read_bytes()
-    size = ["--size", str(SIZE), "--no-preview"]
-    assert main(["generate", str(sketch), "-o", str(tmp_path), "--seed", "6", *size]) == 0
-    other, first = heights(tmp_path), heights(generated)
-    assert report(tmp_path)["seed"] == 6
-    assert (other != first).mean() > 0.5
-    row, column = np.unravel_index(other.argmax(), other.shape)
-    assert row < 0.4 * other.shape[0]
-    assert column > 0.7 * other.shape[1]
-    assert (sketch / "sketch.toml").read_bytes() == before
-
-
 def test_stale_files_of_the_previous_run_are_removed(call, sketch, tmp_path):
     command = ("generate", sketch, "-o", tmp_path, "--size", 3, "--no-preview")
     assert call(*command, "--foliage", "both").code == 0

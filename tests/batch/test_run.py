@@ -35,6 +35,7 @@ from sketchterrain.export.target import ExportOptions
 from sketchterrain.io.console import Stages
 from sketchterrain.io.files import write_atomic
 from sketchterrain.jobs.generate import GenerateResult
+from tests.refusals import refused
 
 OUTPUT = Output(size=17, preview=False)
 LOCK = threading.Lock()
@@ -164,8 +165,7 @@ def test_jobs_are_limited_by_memory(monkeypatch):
     assert estimate_needs(sketch, Output(preview=False)) == large
     options = ExportOptions(size=257)
     assert estimate_needs(sketch, Output(target="raw", options=options, preview=False)).vertices == 257**2
-    with pytest.raises(InputError, match="size"):
-        estimate_needs(sketch, Output(size=100_000))
+    refused("size", estimate_needs, sketch, Output(size=100_000))
 
     needs = [small, large, large, large, InputError("no sketch")]
     for terrains, jobs in ((10, 4), (2.5, 2), (0.5, 1)):
@@ -180,8 +180,7 @@ def test_full_disk_is_refused_before_work(writer, tmp_path, monkeypatch):
     from sketchterrain.io import files as disk
 
     monkeypatch.setattr(disk, "free_disk_space", lambda _: 5000)
-    with pytest.raises(InputError, match=r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB free"):
-        run(tmp_path)
+    refused(r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB free", run, tmp_path)
     assert writer.seeds == []
     assert list(tmp_path.iterdir()) == []
 
@@ -238,20 +237,17 @@ def test_resume_writes_missing_damaged_changed_and_new_items(writer, tmp_path):
 def test_used_folders_are_refused_and_unchanged(writer, tmp_path):
     run(tmp_path / "made")
     before = files(tmp_path / "made")
-    with pytest.raises(InputError, match=r"contains a batch .*--resume"):
-        run(tmp_path / "made")
+    refused(r"contains a batch .*--resume", run, tmp_path / "made")
     assert files(tmp_path / "made") == before
 
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / MANIFEST).write_text("{}")
     for resume in (False, True):
-        with pytest.raises(InputError, match="expected a batch's manifest"):
-            run(tmp_path / "broken", resume=resume)
+        refused("expected a batch's manifest", run, tmp_path / "broken", resume=resume)
     assert [path.name for path in (tmp_path / "broken").iterdir()] == [MANIFEST]
 
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="is a file"):
-        run(tmp_path / "file")
+    refused("is a file", run, tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
     (tmp_path / "valley").mkdir()

@@ -12,7 +12,7 @@ from sketchterrain.benchmarks.baselines import noise, numba_noise
 from sketchterrain.benchmarks.baselines import points as other_points
 from sketchterrain.benchmarks.baselines.noise import Absent
 from sketchterrain.benchmarks.baselines.points import PhaseGroups, throw_darts
-from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
+from sketchterrain.benchmarks.baselines.thesis import SplineSampling, ThesisTiles
 from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.point_methods import HIGHEST, LOWEST, SIDE, fill_of, room_of, spectrum_of
 from sketchterrain.benchmarks.poisson_disk import TRIALS, PoissonDisk
@@ -194,7 +194,7 @@ def test_thesis_tiles_meet_and_agree_with_their_double_build(context, world):
     for real in ("float", "double"):
         opened = TimedContext(str(context.device.index), real=real)
         tiles = ThesisTiles(world.recipe, opened, keys)
-        tiles.launch(Sampling(16, 5))
+        tiles.launch(SplineSampling(16, 5))
         heights[real] = tiles.heights()
         west, east = heights[real]
         assert west.shape == (65, 65)

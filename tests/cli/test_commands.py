@@ -12,7 +12,6 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-import rasterio
 from affine import Affine
 from numpy.typing import NDArray
 from PIL import Image
@@ -30,6 +29,7 @@ from sketchterrain.jobs.export import build_terrain
 from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.render.quality import Quality
 from tests.cli.conftest import PLACED
+from tests.geo_files import write_raster
 
 COMMANDS = ("new", "generate", "render", "fly", "adherence", "realism", "edit", "bench", "devices", "presets")
 
@@ -77,11 +77,8 @@ def test_new_writes_into_empty_folders_only(call, tmp_path):
 
 
 def test_new_takes_place_and_size_from_a_georeferenced_raster(call, tmp_path):
-    path = tmp_path / "map.tif"
-    profile = {"count": 1, "height": 50, "width": 100, "dtype": "uint8", "crs": "EPSG:25832"}
     at = Affine(20.0, 0.0, 600000.0, 0.0, -20.0, 5270000.0)
-    with rasterio.open(path, "w", driver="GTiff", transform=at, **profile) as file:
-        file.write(np.zeros((1, 50, 100), np.uint8))
+    path = write_raster(tmp_path / "map.tif", np.zeros((50, 100), np.uint8), at)
     Image.new("L", (4, 4)).save(tmp_path / "plain.png")
 
     options = ("--raster", f"elevation={tmp_path / 'plain.png'}", "--raster", f"picture={path}")
@@ -121,12 +118,9 @@ def test_new_takes_place_and_size_from_a_georeferenced_raster(call, tmp_path):
 def test_new_on_elevation(call, tmp_path):
     path = tmp_path / "tiles" / "alps.tif"
     path.parent.mkdir()
-    profile = {"count": 1, "height": 60, "width": 80, "dtype": "int16", "crs": "EPSG:25832", "nodata": -1}
     heights = np.add.outer(np.arange(60) * 9, np.arange(80) * 7).astype(np.int16)
     heights[30, 40] = -1
-    at = Affine(30.0, 0.0, 600000.0, 0.0, -30.0, 5270000.0)
-    with rasterio.open(path, "w", driver="GTiff", transform=at, **profile) as file:
-        file.write(heights, 1)
+    write_raster(path, heights, Affine(30.0, 0.0, 600000.0, 0.0, -30.0, 5270000.0), nodata=-1)
     done = call("new", tmp_path / "alps", "--dem", path, "--extent", 1500, "--raster", f"picture={path}")
     lines = done.out.splitlines()
     assert done.code == 0
@@ -317,10 +311,7 @@ def test_realism_of_a_sketch_and_of_rasters(call, sketch, tmp_path):
     y, x = np.mgrid[:100, :120]
     heights = (300 * np.sin(x / 9.0) * np.cos(y / 11.0) + 5 * x + 1).astype(np.float32)
     np.save(tmp_path / "heights.npy", heights)
-    profile = {"driver": "GTiff", "width": 120, "height": 100, "count": 1, "dtype": "float32"}
-    transform = rasterio.Affine(30.0, 0.0, 0.0, 0.0, -30.0, 0.0)
-    with rasterio.open(tmp_path / "h.tif", "w", **profile, crs="EPSG:32611", transform=transform) as file:
-        file.write(heights, 1)
+    write_raster(tmp_path / "h.tif", heights, Affine(30.0, 0.0, 0.0, 0.0, -30.0, 0.0), "EPSG:32611")
     found = [
         json.loads(call("realism", tmp_path / name, "--json", *more).out)
         for name, more in (("heights.npy", ("--cell", "30")), ("h.tif", ()))

@@ -15,6 +15,7 @@ import sketchterrain.jobs.generate
 from sketchterrain.app.cli import main
 from sketchterrain.errors import DeviceError
 from sketchterrain.export.foliage_files import VERTEX
+from tests.geo_files import write_raster
 
 FILES = {
     *("height.tif", "height.png", "height.json", "normal.png", "materials.png", "materials-2.png"),
@@ -246,11 +247,9 @@ def test_map_and_view_options(call, sketch, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_report_lists_real_elevation(call, tmp_path):
     heights = (500.0 + np.add.outer(np.arange(40) * 9, np.arange(50) * 7)).astype(np.int16)
-    profile = {"count": 1, "height": 40, "width": 50, "dtype": "int16", "crs": "EPSG:25832", "nodata": -1}
     heights[20, 20] = -1
     at = rasterio.Affine(30.0, 0.0, 600000.0, 0.0, -30.0, 5270000.0)
-    with rasterio.open(tmp_path / "alps.tif", "w", driver="GTiff", transform=at, **profile) as file:
-        file.write(heights, 1)
+    write_raster(tmp_path / "alps.tif", heights, at, nodata=-1)
     assert call("new", tmp_path / "alps", "--dem", tmp_path / "alps.tif", "--extent", 800).code == 0
     options = ("--size", 33, "--no-preview", "--foliage", "none")
     done = call("generate", tmp_path / "alps", "-o", tmp_path / "out", *options)

@@ -5,13 +5,13 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pyogrio
 import pytest
 import shapely
 from PIL import Image
 
 from sketchterrain.document.store import load_sketch
 from sketchterrain.schema.layers import LAYERS
+from tests.geo_files import write_vectors
 
 RIVERS = Path(__file__).parent.parent / "data" / "openstreetmap" / "valira_d_orient.osm"
 
@@ -115,16 +115,8 @@ def geojson(geometry, crs="EPSG:25832", **properties):
 
 def flatgeobuf(shapes, crs, **texts):
     """Return a file of shapes with texts."""
-    stream = io.BytesIO()
-    columns = [np.array(column, object) for column in texts.values()]
-    pyogrio.raw.write(
-        *(stream, shapely.to_wkb(shapes), columns, list(texts)),
-        driver="FlatGeobuf",
-        geometry_type="LineString",
-        crs=crs,
-        layer_options={"SPATIAL_INDEX": "NO"},
-    )
-    return stream.getvalue()
+    plain = {"SPATIAL_INDEX": "NO"}
+    return write_vectors(io.BytesIO(), shapes, texts, crs=crs, layer_options=plain).getvalue()
 
 
 def test_unusable_vectors_are_refused_in_one_line(call, tmp_path):

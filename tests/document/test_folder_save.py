@@ -15,6 +15,7 @@ from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.features.table import KINDS, Feature, VectorLayer
 from sketchterrain.io.resources import preset, preset_names
 from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
+from tests.refusals import refused
 
 from .conftest import grey, refusal, same
 
@@ -48,8 +49,7 @@ def test_saving_leaves_other_files(tmp_path):
 
     path = tmp_path / "photo.png"
     path.write_bytes(b"mine")
-    with pytest.raises(InputError, match=r"expected a folder or a name that ends in \.sketch"):
-        save_sketch(Sketch(), path)
+    refused(r"expected a folder or a name that ends in \.sketch", save_sketch, Sketch(), path)
     assert path.read_bytes() == b"mine"
 
 
@@ -195,10 +195,8 @@ def test_local_sketches_precede_presets(tmp_path, monkeypatch):
     same(load_sketch("valley"), _painted())
     (here / "valley").mkdir()  # an output folder, say: it holds no sketch
     same(load_sketch("valley"), _painted())
-    with pytest.raises(InputError, match="did you mean 'valley'"):
-        load_sketch("valey")
-    with pytest.raises(InputError, match=r"no sketch\.toml"):
-        load_sketch(Path("valley"))
+    refused("did you mean 'valley'", load_sketch, "valey")
+    refused(r"no sketch\.toml", load_sketch, Path("valley"))
     new_sketch("valley")
     assert load_sketch("valley").name == "My sketch"
 
@@ -221,10 +219,8 @@ def test_starter_declares_every_layer(tmp_path):
     new_sketch(tmp_path / "other")
     settings = tmp_path / "other" / "sketch.toml"
     settings.write_text("mine")
-    with pytest.raises(InputError, match="this one is not empty"):
-        new_sketch(tmp_path / "other")
-    with pytest.raises(InputError, match="expected a folder"):
-        new_sketch(settings)
+    refused("this one is not empty", new_sketch, tmp_path / "other")
+    refused("expected a folder", new_sketch, settings)
     assert settings.read_text() == "mine"
 
 

@@ -13,6 +13,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, pack_sketch, save_sketch
 from sketchterrain.document.toml_format import parse_settings, settings_text
 from sketchterrain.errors import InputError
+from tests.refusals import refused
 
 from .conftest import refusal, same
 
@@ -60,10 +61,8 @@ def test_tables_are_expected_and_at_most_64(folder):
     assert len(parse_settings(f"format = 2\n{64 * table}".encode()).rasters) == 64
     assert "65 rasters: expected at most 64" in refusal(folder(65 * table))
     for wrong in ("a.tif", 3, None):
-        with pytest.raises(InputError, match="rasters: expected RasterSource values"):
-            Sketch(rasters=(wrong,))
-    with pytest.raises(InputError, match="expected the name of a stored raster"):
-        RasterSource("../sketch.toml", content=b"format = 2")
+        refused("rasters: expected RasterSource values", Sketch, rasters=(wrong,))
+    refused("expected the name of a stored raster", RasterSource, "../sketch.toml", content=b"format = 2")
 
 
 def test_paths_are_relative_inside_the_sketch_and_absolute_in_memory(tmp_path, dem):
@@ -107,8 +106,7 @@ def test_a_missing_or_changed_source_is_named_and_kept(tmp_path, dem, monkeypatc
         assert raster_problem(loaded.rasters[0]) == f"raster {dem}: {problem}"
         save_sketch(loaded, place)
         assert place.read_bytes() == stored
-    with pytest.raises(InputError, match="the file is missing"):
-        raster_source(tmp_path / "none.tif", "picture")
+    refused("the file is missing", raster_source, tmp_path / "none.tif", "picture")
     odd = RasterSource("two\nlines" * 400)
     assert raster_problem(odd).isprintable()
     assert (
@@ -182,8 +180,7 @@ def test_a_stored_raster_that_is_missing_or_changed_keeps_its_entry(tmp_path, de
 def test_stored_rasters_have_a_limit(tmp_path, dem, monkeypatch):
     monkeypatch.setattr(rasters, "MAX_EMBEDDED_BYTES", 1 << 20)
     dem.write_bytes(bytes((1 << 20) + 1))
-    with pytest.raises(InputError, match=r"dem .*: too large: expected at most 1 MiB"):
-        raster_source(dem, "picture", embed=True)
+    refused(r"dem .*: too large: expected at most 1 MiB", raster_source, dem, "picture", embed=True)
     dem.write_bytes(bytes(1 << 20))
     first = raster_source(dem, "picture", embed=True)
     Sketch(rasters=(first, first))  # one file

@@ -28,6 +28,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.schema.parameters import LOOK, SKETCH, Parameter
+from tests.refusals import refused
 
 _TABLES = {
     "sketch": SKETCH,
@@ -59,13 +60,11 @@ def test_declarations_have_valid_types_and_ranges():
         assert parameter.check(parameter.high) == parameter.high, name
         assert type(parameter.check(parameter.low)) is parameter.kind, name
         for bad in (parameter.low - 1, parameter.high * 2 + 1, math.nan, math.inf, -math.inf, 10**400):
-            with pytest.raises(InputError, match="expected"):
-                parameter.check(bad)
+            refused("expected", parameter.check, bad)
 
     for _, parameter in _ALL:
         for bad in (None, True, False, [], {}, [1.0], b"1", 1j):
-            with pytest.raises(InputError, match="expected"):
-                parameter.check(bad)
+            refused("expected", parameter.check, bad)
 
 
 def test_conversions_and_error_messages():
@@ -73,16 +72,13 @@ def test_conversions_and_error_messages():
     assert isinstance(SKETCH["extent"].check(100), float)
     assert SKETCH["seed"].check(np.int64(7)) == 7
     assert type(SKETCH["seed"].check(np.int64(7))) is int
-    with pytest.raises(InputError, match=r"^seed = 1\.0: expected a whole number from 0 to 922337203685477"):
-        SKETCH["seed"].check(1.0)
+    refused(r"^seed = 1\.0: expected a whole number from 0 to 922337203685477", SKETCH["seed"].check, 1.0)
     parameter = Parameter("mode", str, "a", 0, 9, "", "a choice", choices=("a", "b"))
     assert parameter.check("b") == "b"
-    with pytest.raises(InputError, match="mode = 'c': expected 'a' or 'b'"):
-        parameter.check("c")
+    refused("mode = 'c': expected 'a' or 'b'", parameter.check, "c")
     with pytest.raises(InputError):
         SKETCH["name"].check("\ud800")  # no file can hold it
-    with pytest.raises(InputError, match="200 characters"):
-        SKETCH["name"].check("x" * 201)
+    refused("200 characters", SKETCH["name"].check, "x" * 201)
     assert parse_settings(b"\xef\xbb\xbfformat = 1\r\nextent = 10\r\n").extent == 10.0  # a byte order mark
 
 
@@ -214,10 +210,7 @@ _NOT_TOML = [
 
 def test_refused_settings_name_the_key_or_the_line():
     for text, message in [*_REFUSED, *_NOT_TOML]:
-        with pytest.raises(InputError, match=message) as caught:
-            parse_settings(text if isinstance(text, bytes) else f"format = 1\n{text}".encode())
-        assert str(caught.value).isprintable(), message
-        assert len(str(caught.value)) < 350, message
+        refused(message, parse_settings, text if isinstance(text, bytes) else f"format = 1\n{text}".encode())
 
 
 @given(st.binary(max_size=200))

@@ -13,7 +13,7 @@ import plyfile
 import pytest
 import trimesh
 
-from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.foliage_files import (
     ROW_BYTES,
     VERTEX,
@@ -24,6 +24,7 @@ from sketchterrain.export.foliage_files import (
     write_foliage,
 )
 from sketchterrain.vegetation.plants import PLANT, SPECIES, STOREYS
+from tests.refusals import refused
 
 AREA = (100.0, 200.0, 500.0, 1000.0)
 ROOT = Path(__file__).parents[2]
@@ -146,8 +147,7 @@ def test_failures_leave_no_partial_foliage_file(tmp_path):
             written(tmp_path / "no", kind)
     some = plants(10)
     some["tint"][3] = np.nan
-    with pytest.raises(InputError, match=r"finite numbers .* got nan"):
-        written(tmp_path, "csv", some)
+    refused(r"finite numbers .* got nan", written, tmp_path, "csv", some)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["foliage.csv", "foliage.ply"]
 
 
@@ -205,8 +205,7 @@ def test_only_the_requested_files_are_written_and_contradictions_refused(tmp_pat
         ("obj", False, "expected foliage as one of csv, ply, both, none, got 'obj'"),
         ("csv", True, "expected ply or both for grass, which only foliage.ply holds, got csv"),
     ]:
-        with pytest.raises(InputError, match=line):
-            FoliageOptions(kind, grass=grass)
+        refused(line, FoliageOptions, kind, grass=grass)
 
 
 def test_grass_follows_the_trees_in_the_ply_only(tmp_path):
@@ -260,9 +259,7 @@ def test_foliage_beyond_the_free_disk_space_is_refused(tmp_path, monkeypatch):
         (FoliageOptions("ply", grass=True), r"foliage\.ply: up to 2\.2e\+09 plants need up to 94\.2 GiB,"),
     ]:
         terrain = Plantation(10**8, 10**9)
-        with pytest.raises(InputError, match=line) as caught:
-            check_disk_space(tmp_path, terrain, AREA, options)
-        assert "\n" not in str(caught.value), line
+        refused(line, check_disk_space, tmp_path, terrain, AREA, options)
         assert terrain.requested_storeys == [], line
 
     check_disk_space(tmp_path, Plantation(10**8, 10**12), AREA, FoliageOptions("ply"))

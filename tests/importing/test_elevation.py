@@ -16,6 +16,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.importing.elevation import aligned, elevation_files, sketch_on_elevation, with_lakes
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.stages.runner import Runner
+from tests.geo_files import write_raster
 
 UTM = Affine(50.0, 0.0, 600_000.0, 0.0, -50.0, 5_270_000.0)
 
@@ -33,10 +34,7 @@ def dem(
     heights = (lowest + 40.0 * np.sin(row / 7.0) + 3.0 * column).astype(np.float32)
     if void is not None:
         heights[void] = -9999.0
-    profile = {"count": 1, "height": shape[0], "width": shape[1], "dtype": "float32", "nodata": -9999.0}
-    with rasterio.open(path, "w", driver="GTiff", transform=transform, crs=crs, **profile) as file:
-        file.write(heights, 1)
-    return raster_source(path, "elevation")
+    return raster_source(write_raster(path, heights, transform, crs, nodata=-9999.0), "elevation")
 
 
 def corners(sketch: Sketch) -> np.ndarray:

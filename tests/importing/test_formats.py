@@ -6,8 +6,6 @@ import http.server
 import json
 import threading
 
-import numpy as np
-import pyogrio
 import pytest
 import shapely
 
@@ -16,6 +14,7 @@ from sketchterrain.drape.drapes import Drapes
 from sketchterrain.errors import InputError
 from sketchterrain.importing.images import detect_kind
 from sketchterrain.importing.vectors import sketch_from_vectors
+from tests.geo_files import write_vectors
 
 from .test_real_rivers import write_osm
 
@@ -41,16 +40,8 @@ def written(path):
         plain = write_osm(path.with_suffix(""), nodes, [([1, 2, 3], {"highway": "path", "name": "Trail"})])
         path.write_bytes(gzip.compress(plain.read_bytes()))
     elif path.suffix == ".dxf":
-        lines = shapely.to_wkb([shapely.LineString([(0, 0), (300, 400), (500, 900)])])
-        pyogrio.raw.write(
-            path,
-            lines,
-            [np.array(["path"], object)],
-            ["Layer"],
-            driver="DXF",
-            geometry_type="LineString",
-            crs="EPSG:32632",
-        )
+        lines = [shapely.LineString([(0, 0), (300, 400), (500, 900)])]
+        write_vectors(path, lines, {"Layer": ["path"]}, crs="EPSG:32632")
     else:
         path.write_text(GPX if path.suffix == ".gpx" else KML)
     return path
@@ -73,17 +64,8 @@ def test_trails_of_other_formats_are_traced_and_draped(tmp_path, name) -> None:
 
 @pytest.mark.parametrize("suffix", [".dbf", ".shx", ".prj"])
 def test_parts_of_a_shapefile_name_it(tmp_path, suffix) -> None:
-    lines = shapely.to_wkb([shapely.LineString([(0, 0), (300, 400)])])
-    pyogrio.raw.write(
-        tmp_path / "a.shp",
-        lines,
-        [],
-        [],
-        driver="ESRI Shapefile",
-        geometry_type="LineString",
-        crs="EPSG:32632",
-    )
-    path = (tmp_path / "a.shp").with_suffix(suffix)
+    lines = [shapely.LineString([(0, 0), (300, 400)])]
+    path = write_vectors(tmp_path / "a.shp", lines, crs="EPSG:32632").with_suffix(suffix)
     for read in (detect_kind, sketch_from_vectors):
         with pytest.raises(InputError, match=rf"a\{suffix} is a part of a Shapefile: expected a\.shp"):
             read(path)

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-import pyogrio
 import pytest
 import shapely
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.importing.legend import feature_label, label_properties, relevant_tags
 from sketchterrain.importing.vectors import sketch_from_vectors
-
-
-def written(path, shapes, *, crs="EPSG:25832", **fields):
-    """Write shapes with fields and return the path."""
-    columns = [np.array(each, object) for each in fields.values()]
-    given = {"driver": "GPKG", "geometry_type": "Unknown", "crs": crs, "layer": "map"}
-    pyogrio.raw.write(path, shapely.to_wkb(np.array(shapes, object)), columns, list(fields), **given)
-    return path
+from tests.geo_files import write_vectors
 
 
 def used(sketch: Sketch) -> list[str]:
@@ -63,7 +57,7 @@ def test_neighbours_share_their_borders_and_small_areas_are_on_top(tmp_path) -> 
     pond, wood = (shapely.Point(corner[3, 3]).buffer(radius, quad_segs=4) for radius in (20.0, 60.0))
     holed = np.array([each - wood for each in fields], object)  # the wood fills a hole in four of them
     shapes = [pond, *holed, wood]
-    path = written(tmp_path / "map.gpkg", shapes, landuse=["meadow", *36 * ["farmland"], "forest"])
+    path = write_vectors(tmp_path / "map.gpkg", shapes, {"landuse": ["meadow", *36 * ["farmland"], "forest"]})
     traced = sketch_from_vectors(path, size_px=64)
     layer = traced.sketch.vectors["landuse"]
     found = layer.shapes()
@@ -73,7 +67,7 @@ def test_neighbours_share_their_borders_and_small_areas_are_on_top(tmp_path) -> 
     country = found[:-1]
     # What is rounded by half a step beside a corner of the other, where the wood cuts a border.
     assert shapely.area(country).sum() == pytest.approx(shapely.union_all(country).area, abs=0.1)
-    whole = written(tmp_path / "fields.gpkg", fields, landuse=36 * ["farmland"])
+    whole = write_vectors(tmp_path / "fields.gpkg", fields, {"landuse": 36 * ["farmland"]})
     cells = sketch_from_vectors(whole, size_px=64).sketch.vectors["landuse"].shapes()
     assert shapely.coverage_is_valid(cells)
     assert shapely.area(cells).sum() == shapely.union_all(cells).area
@@ -105,9 +99,8 @@ def test_areas_that_cannot_be_drawn_are_repaired_or_left_out_and_nothing_else(tm
         "spike": ring((600, 200), (700, 200), (700, 300), (700, 380), (700, 300), (600, 300)),
         "several": shapely.MultiPolygon([shapely.box(0, 400, 50, 450), shapely.box(100, 400, 150, 450)]),
     }
-    path = written(
-        tmp_path / "map.gpkg", list(cases.values()), landuse=len(cases) * ["farmland"], name=list(cases)
-    )
+    tags = {"landuse": len(cases) * ["farmland"], "name": list(cases)}
+    path = write_vectors(tmp_path / "map.gpkg", list(cases.values()), tags)
     traced = sketch_from_vectors(path, size_px=64, bounds=(-100, -100, 1000, 500))
     layer = traced.sketch.vectors["landuse"]
     names, found = np.array(layer.columns["name"]), layer.shapes()
@@ -135,7 +128,9 @@ def test_areas_that_cannot_be_drawn_are_repaired_or_left_out_and_nothing_else(tm
 def test_rows_of_trees_are_painted_and_areas_beyond_a_margin_are_cut(tmp_path) -> None:
     line = shapely.LineString([(100, 500), (900, 500)])
     shapes = [line, shapely.box(-9000, 0, 400, 400)]
-    path = written(tmp_path / "map.gpkg", shapes, landuse=2 * ["forest"], width=[40.0, None])
+    path = write_vectors(
+        tmp_path / "map.gpkg", shapes, {"landuse": 2 * ["forest"], "width": [40.0, math.nan]}
+    )
     sketch = sketch_from_vectors(path, size_px=100, bounds=(0, 0, 1000, 1000)).sketch
     assert sketch.layers["forest"][48:52, 12:88].all()
     (area,) = sketch.vectors["landuse"].shapes()

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
 from affine import Affine
 from PIL import Image
 
@@ -15,6 +14,7 @@ from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build
 from sketchterrain.importing.elevation import raster_area
+from tests.geo_files import write_raster
 
 RED, GREEN = (200, 30, 40, 255), (20, 180, 60, 255)
 UTM = {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0}
@@ -27,11 +27,7 @@ def written(tmp_path):
 
     def write(bands, crs, transform, **options):
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.tif"
-        count, rows, columns = bands.shape
-        profile = {"count": count, "height": rows, "width": columns, "dtype": bands.dtype, **options}
-        with rasterio.open(path, "w", driver="GTiff", crs=crs, transform=transform, **profile) as file:
-            file.write(bands)
-        return RasterSource(str(path))
+        return RasterSource(str(write_raster(path, bands, transform, crs, **options)))
 
     return write
 

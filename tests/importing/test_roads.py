@@ -5,9 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import pyogrio
 import pytest
-import rasterio
 import shapely
 from rasterio.transform import Affine
 
@@ -22,6 +20,7 @@ from sketchterrain.importing.vectors import sketch_from_vectors, with_vectors_of
 from sketchterrain.io.crs import parse_crs
 from sketchterrain.schema.layers import LAYERS
 from tests.document.random_documents import content_of
+from tests.geo_files import write_raster, write_vectors
 
 from .test_real_rivers import write_osm
 
@@ -42,13 +41,10 @@ def values(layer: str, tags: dict[str, object]) -> dict[str, object]:
 @pytest.fixture(scope="module")
 def elevation(tmp_path_factory) -> Sketch:
     """Return an empty sketch of about 5 × 4 km on real elevation."""
-    path = tmp_path_factory.mktemp("elevation") / "dem.tif"
     rows, columns = np.indices((80, 100))
     heights = (800.0 + 2.0 * rows + columns).astype(np.float32)
-    profile = {"count": 1, "height": 80, "width": 100, "dtype": "float32", "crs": "EPSG:25832"}
     place = Affine(50.0, 0.0, CORNER[0], 0.0, -50.0, CORNER[1])
-    with rasterio.open(path, "w", driver="GTiff", transform=place, **profile) as file:
-        file.write(heights, 1)
+    path = write_raster(tmp_path_factory.mktemp("elevation") / "dem.tif", heights, place)
     sketch, _ = sketch_on_elevation([raster_source(path, "elevation")])
     return sketch
 
@@ -196,21 +192,17 @@ def test_ways_keep_their_nodes_and_meet_only_ways(tmp_path, elevation) -> None:
     assert lines["pad"][0].geom_type == "Polygon"
     # A track and a stream end on a railway, at no node of it.
     shapes = shapely.linestrings([[(0, 0), (900, 0)], [(300, 0), (300, 300)], [(600, 0), (600, 300)]])
-    fields = [np.array(["railway", "road", "river"], object)]
-    given = {"driver": "GPKG", "geometry_type": "LineString", "crs": "EPSG:25832"}
-    pyogrio.raw.write(tmp_path / "a.gpkg", shapely.to_wkb(shapes), fields, ["layer"], **given)
-    vectors = sketch_from_vectors(tmp_path / "a.gpkg", size_px=32).sketch.vectors
+    path = write_vectors(tmp_path / "a.gpkg", shapes, {"layer": ["railway", "road", "river"]})
+    vectors = sketch_from_vectors(path, size_px=32).sketch.vectors
     assert vectors["railway"].vertices.tolist() == [[0, 0], [300, 0], [900, 0]]
 
 
 def test_gis_files_of_any_format_give_the_same_roads(tmp_path) -> None:
-    shapes = shapely.to_wkb(shapely.linestrings([[(0, 0), (400, 100)], [(400, 100), (900, 900)]]))
-    columns = [np.array(["primary", "track"], object), np.array(["yes", None], object)]
+    shapes = shapely.linestrings([[(0, 0), (400, 100)], [(400, 100), (900, 900)]])
+    fields = {"highway": ["primary", "track"], "bridge": ["yes", None]}
     found = []
-    for suffix, driver in ((".gpkg", "GPKG"), (".geojson", "GeoJSON"), (".shp", "ESRI Shapefile")):
-        path = tmp_path / f"a{suffix}"
-        given = {"driver": driver, "geometry_type": "LineString", "crs": "EPSG:25832"}
-        pyogrio.raw.write(path, shapes, columns, ["highway", "bridge"], **given)
+    for suffix in (".gpkg", ".geojson", ".shp"):
+        path = write_vectors(tmp_path / f"a{suffix}", shapes, fields)
         found.append(sketch_from_vectors(path, size_px=32).sketch.vectors["road"])
     assert len({content_of(each) for each in found}) == 1
     assert found[0].properties([0, 1]) == [{"structure": "bridge"}, {}]

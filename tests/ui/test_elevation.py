@@ -18,6 +18,7 @@ from sketchterrain.stages.runner import Runner
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.models.elevation import SketchElevation, hillshade
 from sketchterrain.ui.panels.base import BasePanel
+from tests.geo_files import write_raster
 
 CELL = 20.0  # m
 SIDE = 96  # samples of a grid
@@ -31,11 +32,8 @@ def write_dem(path: Path, *, west: float = WEST, height: float = 0.0, void: bool
     heights = height + 2.0 * column + 300.0 * np.exp(-(((row + column - SIDE) / 10.0) ** 2))
     if void:
         heights[40:43, 60:62] = NODATA
-    profile = {"count": 1, "height": SIDE, "width": SIDE, "dtype": "float32", "nodata": NODATA}
     place = Affine(CELL, 0.0, west, 0.0, -CELL, NORTH)
-    with rasterio.open(path, "w", driver="GTiff", crs="EPSG:25832", transform=place, **profile) as file:
-        file.write(heights.astype(np.float32), 1)
-    return path
+    return write_raster(path, heights.astype(np.float32), place, nodata=NODATA)
 
 
 @pytest.fixture(scope="module")

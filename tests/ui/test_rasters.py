@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
 from affine import Affine
 from PyQt6.QtCore import QRectF
 from PyQt6.QtGui import QColor
@@ -17,6 +16,7 @@ from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.underlay import RasterUnderlay
 from sketchterrain.ui.models.background import Autosave, SketchSaver
 from sketchterrain.ui.panels.settings import WorldPanel
+from tests.geo_files import write_raster
 
 UTM = {"crs": "EPSG:25832", "east": 600000.0, "north": 5269000.0}
 SIDE = 60  # px
@@ -25,13 +25,10 @@ SIDE = 60  # px
 @pytest.fixture
 def picture(tmp_path) -> Path:
     """A red picture of 1 × 1 km, in the south-west of `UTM`."""
-    path, bands = tmp_path / "map.tif", np.zeros((3, 50, 50), np.uint8)
+    bands = np.zeros((3, 50, 50), np.uint8)
     bands[0] = 200
-    profile = {"count": 3, "height": 50, "width": 50, "dtype": "uint8", "photometric": "RGB"}
     at = Affine(20.0, 0.0, 600000.0, 0.0, -20.0, 5270000.0)
-    with rasterio.open(path, "w", driver="GTiff", crs=UTM["crs"], transform=at, **profile) as file:
-        file.write(bands)
-    return path
+    return write_raster(tmp_path / "map.tif", bands, at, photometric="RGB")
 
 
 @pytest.fixture

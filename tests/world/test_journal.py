@@ -10,6 +10,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.io.system import exclusive_run
 from sketchterrain.world.job import Task, WrittenFile
 from sketchterrain.world.journal import Header, Journal, Ledger, read_journal, read_ledger
+from tests.refusals import refused
 
 HEADER = Header("f" * 64, "1.0")
 FILES = some.lists(
@@ -76,18 +77,15 @@ def test_lock_is_exclusive(tmp_path: Path) -> None:
     "text", ["", "\n", "[1, 2]\n", '{"fingerprint": "f"}\n', '{"fingerprint":"f","version":"1","format":2}\n']
 )
 def test_invalid_header_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"here: expected a ledger of a world's files"):
-        read_ledger(text, "here")
+    refused(r"here: expected a ledger of a world's files", read_ledger, text, "here")
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a//b", "a/../../b", "a\\b", ""])
 def test_names_outside_the_folder_are_refused(name: str) -> None:
     text = Ledger(HEADER, {done(1)[0]: (WrittenFile(name, 1, "0" * 64),)}).text()
-    with pytest.raises(InputError, match="file name outside the world's folder"):
-        read_ledger(text, "here")
+    refused("file name outside the world's folder", read_ledger, text, "here")
 
 
 def test_missing_journal_is_none(tmp_path: Path) -> None:
     assert read_journal(tmp_path / "journal.jsonl") is None
-    with pytest.raises(InputError, match="cannot be read"):
-        read_journal(tmp_path)
+    refused("cannot be read", read_journal, tmp_path)

@@ -32,6 +32,7 @@ from sketchterrain.world.job import Job, job_fingerprint
 from sketchterrain.world.journal import Header, Journal, Ledger, check_output_unused
 from sketchterrain.world.options import WorldOptions, check_layers, estimate_world, output_form
 from sketchterrain.world.task_runner import shard_store
+from tests.refusals import refused
 
 SKETCH = Sketch(extent=512.0, layers={"mountain": np.zeros((24, 32), np.uint8)})
 
@@ -46,8 +47,7 @@ def test_output_form_follows_extension() -> None:
 
 
 def test_other_extensions_are_refused_except_folders(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"world\.png: expected a name that ends in \.zarr or \.tif"):
-        output_form("world.png")
+    refused(r"world\.png: expected a name that ends in \.zarr or \.tif", output_form, "world.png")
     (tmp_path / "out.v2").mkdir()
     assert output_form(str(tmp_path / "out.v2")) == "tiles"
 
@@ -66,8 +66,7 @@ def test_layers_are_ordered_and_checked() -> None:
         (("height", "colour"), "expected some of"),
         (["normal"], "expected height among them"),
     ):
-        with pytest.raises(InputError, match=message):
-            check_layers(text)
+        refused(message, check_layers, text)
 
 
 def test_default_bounds_are_the_sketch() -> None:
@@ -100,9 +99,7 @@ def test_default_bounds_are_the_sketch() -> None:
     ],
 )
 def test_invalid_options_are_refused(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
-        WorldOptions(**options).check(SKETCH)
-    assert "\n" not in str(caught.value)
+    refused(message, WorldOptions(**options).check, SKETCH)
 
 
 def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -282,8 +279,7 @@ def test_resuming_a_world_whose_road_has_moved_is_refused(small_job, tmp_path) -
         shard_store(job).create()
     check_output_unused(job, resume=True)
     moved = replace(job, sketch=job.sketch.replace(vectors=CHANGES["vectors"]))
-    with pytest.raises(InputError, match=r"computed from another sketch, .* or by other code"):
-        check_output_unused(moved, resume=True)
+    refused(r"computed from another sketch, .* or by other code", check_output_unused, moved, resume=True)
 
 
 def test_every_source_file_changes_the_code_digest(monkeypatch) -> None:

@@ -29,6 +29,7 @@ from sketchterrain.world.journal import (
 )
 from sketchterrain.world.run import ProgressReporter, run_world
 from sketchterrain.world.task_runner import shard_store
+from tests.refusals import refused
 
 pytestmark = pytest.mark.usefixtures("evaluated_once")
 
@@ -97,8 +98,7 @@ def test_run_computes_each_task_once(job, reporter, finished_world, tree, evalua
 
 def test_resume_computes_only_pending_tasks(job, reporter, finished_world, tree) -> None:
     interrupt(job, reporter, 4)
-    with pytest.raises(InputError, match="world exists; --resume completes it"):
-        run_world(job, reporter=reporter)
+    refused("world exists; --resume completes it", run_world, job, reporter=reporter)
     again = type(reporter)()
     done = run_world(job, resume=True, reporter=again)
     assert (again.counts, done.computed, done.broken) == ([(TASKS, 4)], TASKS - 4, ())
@@ -299,8 +299,7 @@ def test_resuming_another_job_is_refused(job, copied, reporter, finished_world, 
             run_world(replace(job, **changes), resume=True, reporter=reporter)
     assert tree(copied) == tree(finished_world)
     damage(copied, "ledger/c/0", lambda text: text.replace(b'"version":"', b'"version":"0.0.', 1))
-    with pytest.raises(InputError, match=r"started by version 0\.0\."):
-        run_world(job, resume=True, reporter=reporter)
+    refused(r"started by version 0\.0\.", run_world, job, resume=True, reporter=reporter)
 
 
 USER_FILES = [
@@ -320,11 +319,9 @@ def test_user_files_are_refused_and_unchanged(form, name, small_job, tmp_path, r
     path.write_text('{"zarr_format": 3, "node_type": "group"}')
     before = tree(tmp_path)
     for resume in (False, True):
-        with pytest.raises(InputError, match="holds other files; choose another output"):
-            run_world(job, resume=resume, reporter=reporter)
+        refused("holds other files; choose another output", run_world, job, resume=resume, reporter=reporter)
     for output, message in ((path, "expected a folder"), (path / "world.zarr", "is a file")):
-        with pytest.raises(InputError, match=message):
-            run_world(replace(job, form="zarr", output=output), reporter=reporter)
+        refused(message, run_world, replace(job, form="zarr", output=output), reporter=reporter)
     assert tree(tmp_path) == before
 
 
@@ -339,8 +336,7 @@ def test_only_partial_files_are_removed(form, small_job, tmp_path, tree) -> None
         store.create()
     remove_partial_files(job)
     check_output_unused(job, resume=True)
-    with pytest.raises(InputError, match="world exists; --resume completes it"):
-        check_output_unused(job, resume=False)
+    refused("world exists; --resume completes it", check_output_unused, job, resume=False)
     (tmp_path / "world-plants").mkdir()
     for folder in (tmp_path, layout.journal.parent, tmp_path / "world-plants"):
         for name in (".draft.tmp", ".draft.12345678x.tmp", ".sketchterrain-mine", "notes.txt"):
@@ -394,8 +390,7 @@ def test_interrupted_and_damaged_worlds_are_repaired(form_job: Job, reporter, tm
     with pytest.raises(_StoppedError):
         run_world(form_job, reporter=stopped)
     assert len(load_ledger(form_job).done) == 3
-    with pytest.raises(InputError, match="is not finished"):
-        check_world(form_job.output, progress=lambda _: None)
+    refused("is not finished", check_world, form_job.output, progress=lambda _: None)
     again = reporter_type()
     run_world(form_job, resume=True, reporter=again)
     assert again.counts == [(done.tasks, 3)]

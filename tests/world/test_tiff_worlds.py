@@ -11,7 +11,7 @@ import rasterio
 from numpy.typing import NDArray
 
 import sketchterrain as st
-from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.errors import SketchterrainError
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
 from sketchterrain.world.grid import GridLevel, ShardData, World
@@ -19,6 +19,7 @@ from sketchterrain.world.job import Job
 from sketchterrain.world.journal import check_world
 from sketchterrain.world.run import run_world
 from sketchterrain.world.stored_world import open_world
+from tests.refusals import refused
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 # Two shards each way, whose southern and eastern ones are a few vertices wide.
@@ -222,8 +223,7 @@ def test_missing_or_broken_tile_is_reported(small_job, tmp_path) -> None:
     world = World(0.0, 0.0, 699.0, 699.0, 1.0)
     store = TileStore(replace(small_job, world=world, output=tmp_path / "world", form="tiles"))
     store.create()
-    with pytest.raises(InputError, match="world: is not finished; world --resume completes it"):
-        open_world(store.folder)
+    refused("world: is not finished; world --resume completes it", open_world, store.folder)
     for ground in shards(world):
         store.write(ground)
     store.join(progress=lambda _: None)
@@ -232,14 +232,11 @@ def test_missing_or_broken_tile_is_reported(small_job, tmp_path) -> None:
     content = bytearray(tile.read_bytes())
     content[-2000] ^= 0xFF
     tile.write_bytes(content)
-    with pytest.raises(InputError, match=r"height/level0/r0000_c0000.tif: broken"):
-        open_world(store.folder).read("height", 0, **whole)
+    refused(r"height/level0/r0000_c0000.tif: broken", open_world(store.folder).read, "height", 0, **whole)
     tile.write_bytes(content[:3000])
-    with pytest.raises(InputError, match=r"height/level0/r0000_c0000.tif: broken"):
-        open_world(store.folder).read("height", 0, **whole)
+    refused(r"height/level0/r0000_c0000.tif: broken", open_world(store.folder).read, "height", 0, **whole)
     tile.unlink()
-    with pytest.raises(InputError, match=r"height/level0/r0000_c0000.tif: is missing"):
-        open_world(store.folder).read("height", 0, **whole)
+    refused(r"height/level0/r0000_c0000.tif: is missing", open_world(store.folder).read, "height", 0, **whole)
     assert open_world(store.folder).read("normal", 0, **whole).shape == (3, 700, 700)
 
 
@@ -268,16 +265,13 @@ def test_special_characters_in_world_names(small_job, form: str, tmp_path) -> No
 
 def test_invalid_worlds_are_refused(tmp_path) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"empty: expected a world, with zarr.json or height.vrt"):
-        open_world(tmp_path / "empty")
+    refused(r"empty: expected a world, with zarr.json or height.vrt", open_world, tmp_path / "empty")
     (tmp_path / "text.tif").write_text("no picture")
-    with pytest.raises(InputError, match=r"text.tif: broken \("):
-        open_world(tmp_path / "text.tif")
+    refused(r"text.tif: broken \(", open_world, tmp_path / "text.tif")
     profile = {"driver": "GTiff", "width": 2, "height": 2, "count": 1, "dtype": "uint8"}
     with rasterio.open(tmp_path / "other.tif", "w", **profile, transform=rasterio.Affine.scale(2.0, -2.0)):
         pass
-    with pytest.raises(InputError, match=r"other.tif: expected the heights of a world"):
-        open_world(tmp_path / "other.tif")
+    refused(r"other.tif: expected the heights of a world", open_world, tmp_path / "other.tif")
 
 
 def test_failed_join_leaves_no_file(small_job, tmp_path, file_size_limit) -> None:

@@ -11,13 +11,13 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
-from sketchterrain.errors import InputError
 from sketchterrain.export.planning import HeightQuantisation, checked_plan, plan_export
 from sketchterrain.export.sampled import SampleGrid
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import godot, target_named, unreal
 from sketchterrain.schema.materials import MATERIALS, weight_words
 from tests.export.exporting import export
+from tests.refusals import refused
 
 ENGINES = {"unity": {"size": 129}, "unreal": {"size": 253}, "godot": {"format": "exr"}}
 
@@ -382,12 +382,9 @@ def test_invalid_options_are_refused(corner):
         ("geotiff", {"origin": (np.nan, 0.0)}, "expected two finite numbers, m"),
         ("qgis", {"crs": "EPSG:4326"}, "is in degrees"),
     ]:
-        with pytest.raises(InputError, match=message):
-            checked_plan(corner, target, ExportOptions(**options))
-    with pytest.raises(InputError, match="16384"):
-        checked_plan(replace(corner, extent=20000.0), "godot", ExportOptions())
-    with pytest.raises(InputError, match=r"expected one of .* as target, got 'quake'"):
-        target_named("quake")
+        refused(message, checked_plan, corner, target, ExportOptions(**options))
+    refused("16384", checked_plan, replace(corner, extent=20000.0), "godot", ExportOptions())
+    refused(r"expected one of .* as target, got 'quake'", target_named, "quake")
 
 
 def same_bytes(*folders):

@@ -11,11 +11,11 @@ import pytest
 import trimesh
 from PIL import Image
 
-from sketchterrain.errors import InputError
 from sketchterrain.export.gltf import GlbWriter
 from sketchterrain.export.gltf_plants import INSTANCING, herb_model
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets.gltf import check_glb
+from tests.refusals import refused
 
 SIZE = 65
 SPACING = 16.0
@@ -240,21 +240,17 @@ def test_water_meshes_match_rivers_and_lakes(whole, terrain):
 
 def test_oversized_and_invalid_scenes_are_refused(exported, monkeypatch, tmp_path):
     for error in (0.0, -1.0, float("nan"), 1e-9):
-        with pytest.raises(InputError, match="expected an error of a mesh"):
-            check_glb(ExportOptions(error=error))
-    with pytest.raises(InputError, match="4 GiB"):
-        check_glb(ExportOptions(size=16385))
+        refused("expected an error of a mesh", check_glb, ExportOptions(error=error))
+    refused("4 GiB", check_glb, ExportOptions(size=16385))
     check_glb(ExportOptions(size=16385, error=1.0))
 
     monkeypatch.setattr("sketchterrain.export.gltf_plants.MAX_PLANTS", 100)
-    with pytest.raises(InputError, match="plants: a GLB holds 100: expected no grass"):
-        exported("gltf", size=17)
+    refused("plants: a GLB holds 100: expected no grass", exported, "gltf", size=17)
 
     monkeypatch.setattr("sketchterrain.export.gltf.MAX_BYTES", 100)
     glb = GlbWriter()
     glb.attribute(np.zeros((20, 3), np.float32))
-    with pytest.raises(InputError, match="holds 4 GiB"):
-        glb.write(tmp_path / "large.glb")
+    refused("holds 4 GiB", glb.write, tmp_path / "large.glb")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -305,6 +305,7 @@ _LATER: Final = 1.0  # s after a view or a stroke, at which its picture is compa
 _DRAG_PRESETS: Final = ("mountain_pass", "andorra")
 _DRAG_STEPS, _DRAG_RATE = 60, 0.016  # motions of a drag, and s between them
 _DRAPED_LINES: Final = 10_000
+_DRAG_KEYS = ("preset", "layer", "rate", "placing_ms", "final_ms", "final_p95_ms")
 _DRAGS = {"rate": "terrains (drape: pictures) a second while dragging"}
 _VIEWS = {"answer_ms": "motion while it refines, median, ms"}
 _SHAPES = {
@@ -377,7 +378,7 @@ def _drags(preset: str, count: int) -> Iterator[Row]:
                     ]
                 )
                 values = *np.median(found, axis=0).tolist(), float(np.percentile(found[:, 2], 95))
-                yield dict(zip([each.key for each in _DRAGS], (preset, name, *values), strict=True))
+                yield dict(zip(_DRAG_KEYS, (preset, name, *values), strict=True))
         finally:
             probe.end()
 

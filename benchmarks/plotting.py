@@ -109,7 +109,7 @@ def draw_curves(title: str, panels: Sequence[Curves], rows: Sequence[Row], *, ea
     every = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes in every[len(parts) :]:
         axes.set_axis_off()
-    series = {}
+    series: dict[str, Any] = {}
     for axes, (value, panel) in zip(every, parts, strict=False):
         hues = {name: HUES[number % len(HUES)] for number, name in enumerate(_values(rows, panel.by))}
         _draw_panel(axes, panel, hues, [row for row in rows if str(row.get(each, "")) == value])

@@ -8,7 +8,7 @@ import pytest
 from sketchterrain.errors import InputError
 
 
-def refused(pattern: str, call: Callable[..., object], *arguments: object, **options: object) -> str:
+def refused(pattern: str, call: Callable[..., object], /, *arguments: object, **options: object) -> str:
     """Check that a call is refused in one short line in which a pattern is found; return the line."""
     with pytest.raises(InputError) as caught:
         call(*arguments, **options)

@@ -15,5 +15,5 @@ def refused(pattern: str, call: Callable[..., object], /, *arguments: object, **
     line = str(caught.value)
     assert re.search(pattern, line), line
     assert line.isprintable()
-    assert len(line) < 400
+    assert len(line) < 600
     return line

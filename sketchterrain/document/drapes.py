@@ -359,20 +359,15 @@ def draped_feature(geometry: BaseGeometry, properties: Mapping[str, Any], name: 
 
 def checked_properties(properties: Mapping[str, Any]) -> dict[str, Value]:
     """Return the properties that have values; raise InputError if a GeoPackage could not have one."""
-    given = {name: _checked_property(name, value) for name, value in properties.items()}
-    return {name: value for name, value in given.items() if value is not None}
-
-
-def _checked_property(name: object, value: object) -> int | float | str | None:
-    """Return a property's value, None for none; raise InputError if a GeoPackage could not have it."""
-    if not isinstance(name, str) or not name or len(name) > 200:
-        raise InputError(
-            f"drape.edit.properties: expected names of 1 to 200 characters, got {format_value(name)}"
-        )
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return None
-    if isinstance(value, float | str) or (isinstance(value, int) and abs(value) < 1 << 63):
-        return int(value) if isinstance(value, bool) else value
-    raise InputError(
-        f"drape.edit.properties.{one_line(name)} = {format_value(value)}: expected a number or text"
-    )
+    checked = dict[str, Value]()
+    for name, value in properties.items():
+        if not isinstance(name, str) or not 0 < len(name) <= 200:
+            what = f"expected names of 1 to 200 characters, got {format_value(name)}"
+            raise InputError(f"drape.edit.properties: {what}")
+        if value is None or value != value:  # NaN
+            continue
+        if not isinstance(value, float | str) and not (isinstance(value, int) and abs(value) < 1 << 63):
+            what = f"{one_line(name)} = {format_value(value)}: expected a number or text"
+            raise InputError(f"drape.edit.properties.{what}")
+        checked[name] = int(value) if isinstance(value, bool) else value
+    return checked

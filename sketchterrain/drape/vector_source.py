@@ -201,8 +201,9 @@ class VectorSource:
 
     def properties(self, number: int) -> Mapping[str, int | float | str | None]:
         """Return the properties of a feature, of one of the file all, those without a value too."""
-        edit = self.edits.get(number)
-        return self.store.properties(number) if edit is None else edit.properties
+        if number in self.edits:
+            return edit.properties if (edit := self.edits[number]) else {}
+        return self.store.properties(number)
 
     def parts(self, number: int) -> Parts:
         """Return the items of one feature with all of its vertices."""
@@ -216,11 +217,7 @@ class VectorSource:
         """Return a property of features."""
         stored = [each for each in ids if each not in self.edits]
         known = dict(zip(stored, self.store.values(name, stored), strict=True))
-        return [known[each] if each in known else self._edited_value(each, name) for each in ids]
-
-    def _edited_value(self, number: int, name: str) -> int | float | str | None:
-        edit = self.edits[number]
-        return None if edit is None else edit.properties.get(name)
+        return [known[each] if each in known else self.properties(each).get(name) for each in ids]
 
     def classes(
         self, features: npt.NDArray[Any], layer: DrapedLayer, memory: LRUCache
@@ -240,7 +237,7 @@ class VectorSource:
         of_file = memory.get_or_compute((self.store, by, tuple(numbers.items())), stored)
         found[known] = of_file[features[known]]
         for number in set(features[np.isin(features, self._changed)].tolist()):
-            value = self._edited_value(number, by)
+            value = self.properties(number).get(by)
             found[features == number] = numbers.get(class_value(value), -1)
         return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from itertools import chain
@@ -157,10 +158,9 @@ class GeoPackage:
     """A GeoPackage open for writing, see `geopackage`."""
 
     def __init__(self, path: Path, crs: str) -> None:
-        self._path = path
-        self._crs = crs
-        self.counts: dict[str, int] = {}  # features of each layer
-        self.indexed: dict[str, int] = {}  # those with a geometry, in its spatial index
+        self._path, self._crs = path, crs
+        self.counts = Counter[str]()  # features of each layer
+        self.indexed = Counter[str]()  # those with a geometry, in its spatial index
 
     def add(self, layer: ExportLayer) -> None:
         """Append features to a layer, which is created even if empty."""
@@ -179,9 +179,8 @@ class GeoPackage:
                 append=exists,
                 dataset_options={} if exists else {"VERSION": "1.2"},  # of GDAL before 3.7
             )
-        indexed = int((~shapely.is_empty(layer.geometry)).sum())
-        self.counts[layer.name] = self.counts.get(layer.name, 0) + len(layer.geometry)
-        self.indexed[layer.name] = self.indexed.get(layer.name, 0) + indexed
+        self.counts[layer.name] += len(layer.geometry)
+        self.indexed[layer.name] += int((~shapely.is_empty(layer.geometry)).sum())
 
 
 @contextmanager
@@ -207,7 +206,7 @@ def geopackage(path: Path, crs: str) -> Iterator[GeoPackage]:
 
 def _check_complete(path: Path, file: GeoPackage) -> None:
     """Check that all rows are on disk: GDAL does not report failures on closing a layer."""
-    rows = {f"rtree_{name}_geom_rowid": count for name, count in file.indexed.items()} | file.counts
+    rows = {f"rtree_{name}_geom_rowid": count for name, count in file.indexed.items()} | dict(file.counts)
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
         tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
         for table, count in rows.items():

@@ -1,17 +1,11 @@
 #version 430 core
 // A vertex of a draped feature on a triangle: the mean of its corners.
-//   SMOOTH        whether triangles are those of the approximation, or the drawn ones as in ground.vert.glsl
-//   VERTEX_WORDS  of a vertex of a drawn tile
+//   VERTEX_WORDS  of a vertex of a drawn tile, as in ground.vert.glsl
 #include "render/frame.glsl"
-#if SMOOTH
-#include "render/draped_smooth.glsl"
-in vec4 square; // as in draped_smooth.vert.glsl
-#else
 #define FETCHED
 #include "render/ground.glsl"
 layout(std430, binding = 1) readonly buffer TileVertices { uint tile_words[]; };
 in int slot; // of the tile
-#endif
 
 in uvec4 corners; // numbers of the triangle's vertices in their square or tile
 in vec2 weights;  // of the second and the third
@@ -24,9 +18,6 @@ flat out uint part_number;
 
 vec3 corner(uint number)
 {
-#if SMOOTH
-    return smooth_vertex(square, number);
-#else
     uint word = (uint(slot) * uint(SIDE * SIDE) + number) * uint(VERTEX_WORDS);
     ground = uvec4(tile_words[word], tile_words[word + 1u], 0u, 0u);
     ivec2 at = ivec2(int(number) % SIDE, int(number) / SIDE);
@@ -37,7 +28,6 @@ vec3 corner(uint number)
         w[k] = mix(unpackUnorm4x8(tile_words[word + 4u + k]), unpackUnorm4x8(tile_words[word + 4u + uint(WEIGHT_WORDS) + k]), share);
     position.z += canopy_lift(WOODED(w), position);
     return position;
-#endif
 }
 
 void main()
@@ -46,8 +36,6 @@ void main()
     part_number = part;
     from_eye = (1.0 - weights.x - weights.y) * corner(corners.x) + weights.x * corner(corners.y)
         + weights.y * corner(corners.z);
-#if !SMOOTH
     clip_to_bounds(from_eye);
-#endif
     gl_Position = to_clip * vec4(from_eye, 1.0);
 }

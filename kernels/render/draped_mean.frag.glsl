@@ -8,7 +8,6 @@
 
 uniform sampler2DMS drawn;
 uniform sampler2D ground_depth;
-uniform float all_samples; // 1: the mean of all, everywhere
 
 layout(location = 0) out vec4 colour;
 
@@ -48,6 +47,6 @@ void main()
         sum += fragment;
         count += fragment.a > 0.0 ? 1.0 : 0.0;
     }
-    bool is_mean = all_samples > 0.0 || count == 0.0 || !is_silhouette(pixel, depth_at(pixel));
+    bool is_mean = count == 0.0 || !is_silhouette(pixel, depth_at(pixel));
     colour = sum / (is_mean ? float(FRAGMENTS) : count);
 }

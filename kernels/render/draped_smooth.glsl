@@ -1,5 +1,4 @@
 // A smooth approximation of the ground (m from the eye), for two-step draping. Include after frame.glsl.
-//   TILE_QUADS  along the sides of its squares
 uniform sampler2D near_heights; // m, mipmaps, in the squares near_map and far_map
 uniform sampler2D far_heights;
 uniform vec2 smooth_levels;     // mipmap levels of both
@@ -12,12 +11,4 @@ float smooth_height(vec2 place)
     vec2 room = min(close, 1.0 - close);
     float share = clamp(min(room.x, room.y) / BLENDED_BORDER, 0.0, 1.0);
     return mix(textureLod(far_heights, wide, smooth_levels.y).r, textureLod(near_heights, close, smooth_levels.x).r, share) - eye.z;
-}
-
-// A vertex of a square (west and north from the eye, width of a quad, m; unused), by rows from north to south.
-vec3 smooth_vertex(vec4 square, uint number)
-{
-    uint side = uint(TILE_QUADS + 1);
-    vec2 place = square.xy + square.z * vec2(number % side, number / side) * vec2(1.0, -1.0);
-    return vec3(place, smooth_height(place));
 }

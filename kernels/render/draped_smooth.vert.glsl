@@ -1,18 +1,16 @@
 #version 430 core
-// Vertices of the approximation's squares of TILE_QUADS² quads.
+// Vertices of the approximation's squares of TILE_QUADS² quads, by rows from north to south.
 #include "render/frame.glsl"
 #include "render/draped_smooth.glsl"
 
-in vec4 square; // west and north from the eye, width of a quad, m; layer of the window
-in vec3 window; // of the square in its window: west, north, width in widths of that
+in vec3 square; // west and north from the eye, width of a quad, m
 
-out vec2 in_window;
-flat out float window_layer;
+out vec3 from_eye; // m
 
 void main()
 {
     uint side = uint(TILE_QUADS + 1), number = uint(gl_VertexID);
-    in_window = window.xy + window.z * vec2(number % side, number / side) / float(TILE_QUADS);
-    window_layer = square.w;
-    gl_Position = to_clip * vec4(smooth_vertex(square, number), 1.0);
+    vec2 place = square.xy + square.z * vec2(number % side, number / side) * vec2(1.0, -1.0);
+    from_eye = vec3(place, smooth_height(place));
+    gl_Position = to_clip * vec4(from_eye, 1.0);
 }

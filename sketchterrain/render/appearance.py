@@ -43,11 +43,14 @@ class _Cache(NamedTuple):
 class AppearanceTextures:
     """Colour of roads, land use and draped layers: tiles in a texture array, and a table of their places.
 
-    True if anything is painted. `drawn` counts tiles.
+    True if anything is painted. `drawn` counts tiles. Roads and land use may be left out.
     """
 
-    def __init__(self, context: moderngl.Context, terrain: TileSource, quality: Quality) -> None:
+    def __init__(
+        self, context: moderngl.Context, terrain: TileSource, quality: Quality, *, over_land: bool = True
+    ) -> None:
         self._context, self._quality, self._terrain = context, quality, terrain
+        self._over_land = over_land
         self._drapes: Drapes | None = None
         self._rate = WorkRate(TILE_SECONDS)
         self._cache: _Cache | None = None
@@ -131,7 +134,8 @@ class AppearanceTextures:
     def _source(self) -> AppearanceSource | None:
         """Return what is painted on the terrain: its own appearance under draped layers."""
         terrain = self._terrain
-        below = terrain.appearance if isinstance(terrain, PaintedTerrain) else None
+        is_painted = self._over_land and isinstance(terrain, PaintedTerrain)
+        below = terrain.appearance if is_painted else None
         below = None if below is None or below.is_empty else below
         if self._drapes is None or self._drapes.is_empty:
             return below

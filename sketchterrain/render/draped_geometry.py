@@ -15,12 +15,11 @@ from sketchterrain.features.items import Items
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.draped_cutting import PART, VERTEX, ConvexPieces, cut, mesh_of
+from sketchterrain.render.draped_cutting import PART, VERTEX, ConvexPieces, QuadMesh, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
-from sketchterrain.render.targets import DrapedBuffer, RenderTargets
+from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.vertex_memory import COMMAND
-from sketchterrain.tiles.quadtree import Boxes
 from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:
@@ -78,30 +77,14 @@ class DrapedView(NamedTuple):
     pixel: float
 
 
-class Squares(NamedTuple):
-    """Squares of ground with triangles on them, to which features are cut."""
+class _Squares(NamedTuple):
+    """Drawn tiles, to whose triangles features are cut."""
 
-    keys: Sequence[Hashable]  # (n,) of what is cut: a square's own, case and widths
+    keys: Sequence[Hashable]  # (n,) of what is cut: a tile's own, case and widths
     boxes: Float64Array  # (n, 4) W, S, E, N, m
-    quads: int  # along their sides
-    cases: Int64Array  # (n,) of `mesh_of`
     near: Float64Array  # (n,) least and greatest width (m) of a pixel on each, ...
     far: Float64Array
     border: Float64Array  # ... and the longest part of the ground in it
-
-    @classmethod
-    def seen(
-        cls, keys: Sequence[Hashable], boxes: Boxes, quads: int, cases: Int64Array, view: DrapedView
-    ) -> Squares:
-        """Return the squares of boxes."""
-        eye, pixel = np.array(view.camera.eye), view.pixel
-        apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
-        away = np.maximum(np.abs(boxes.low - eye), np.abs(boxes.high - eye))
-        near, far = (pixel * np.maximum(np.linalg.norm(each, axis=1), NEAREST) for each in (apart, away))
-        sine = np.clip(STEEPER * pixel * apart[:, 2] / far, LEAST_SINE, 1.0)
-        widths = (_stepped(near, np.floor), _stepped(far, np.ceil), _stepped(far / sine, np.ceil))
-        keys = list(zip(keys, cases.tolist(), *(each.tolist() for each in widths), strict=True))
-        return cls(keys, np.hstack([boxes.low[:, :2], boxes.high[:, :2]]), quads, cases, *widths)
 
 
 def _stepped(widths: Float64Array, rounded: np.ufunc) -> Float64Array:
@@ -109,41 +92,95 @@ def _stepped(widths: Float64Array, rounded: np.ufunc) -> Float64Array:
     return np.asarray(np.exp2(0.5 * rounded(2.0 * np.log2(widths))))
 
 
-class Cut(NamedTuple):
-    """Features cut for a square."""
+class _Cut(NamedTuple):
+    """Features cut for a tile."""
 
     vertices: npt.NDArray[np.void]  # of VERTEX
     parts: npt.NDArray[np.void]  # of PART
 
 
-_NOTHING: Final = Cut(np.zeros(0, VERTEX), np.zeros(0, PART))
+_NOTHING: Final = _Cut(np.zeros(0, VERTEX), np.zeros(0, PART))
 
 
-class FeatureCutter:
-    """Features cut for squares, kept until they or the squares' triangles change."""
+class DrapedGeometry:
+    """Draws features, cut at the triangles of the drawn tiles. Rasters are left out.
 
-    def __init__(self) -> None:
-        self._kept: dict[object, Cut] = {}
+    Layers of blend modes other than normal are drawn as normal. `samples` are those of the G-buffer along
+    each axis of a pixel. What is cut is kept until it or the tiles' triangles change.
+    """
+
+    def __init__(self, context: moderngl.Context, stream: TerrainStream, *, samples: int) -> None:
+        self._context, self._stream, self._tiles = context, stream, stream.tile_renderer
+        macros = {"SAMPLES": samples, "VERTEX_WORDS": 4 + 2 * self._tiles.words}
+        self._program = self._tiles.create_program(
+            "draped_geometry.vert.glsl", "draped_geometry.frag.glsl", macros=macros
+        )
+        self._slots = context.buffer(reserve=4 * self._tiles.capacity, dynamic=True)
+        self._kept: dict[object, _Cut] = {}
         self._items: tuple[object, Items] = (None, Items.empty())  # of the held feature
+        self._state: object = None  # of the buffers
+        self._uploaded = 0  # bytes
 
     @property
     def nbytes(self) -> int:
-        """Bytes of what is kept."""
-        return sum(each.vertices.nbytes + each.parts.nbytes for each in self._kept.values())
+        """Bytes of buffers on the device and of cut features."""
+        return self._uploaded + sum(each.vertices.nbytes + each.parts.nbytes for each in self._kept.values())
 
-    def cut(self, drapes: Drapes, held: Held | None, squares: Squares) -> dict[int, Cut]:
-        """Return what lies in squares, by their numbers: all features, or the held one."""
+    def draw(
+        self,
+        drapes: Drapes,
+        view: DrapedView,
+        targets: RenderTargets,
+        *,
+        held: Held | None = None,
+        share: float = 1.0,
+    ) -> None:
+        """Draw all features, or the held one, into the bound framebuffer; `share` scales their opacities."""
+        if (draws := self._stream.draws) is None or not drapes.styles:
+            return
+        found = self._found(drapes, held, draws, self._squares(draws, view))
+        if not found:
+            return
+        self._upload(found, drapes.styles)
+        self._slots.orphan()
+        self._slots.write(draws.slots.astype(np.int32).tobytes())
+        self._tiles.bind_vertices(1)
+        targets.depth.use(1)
+        set_uniforms(self._program, {"ground_depth": 1, "share": share})
+        self._tiles.draw_commands(self._array, self._commands, len(found))
+
+    def _squares(self, draws: DrawList, view: DrapedView) -> _Squares:
+        tiles, unit = self._stream.tiles, metres_per_unit(self._stream.tiles.extent)
+        width = unit * draws.steps * tiles.quads
+        west, north = (unit * draws.corners).T
+        low = np.stack([west, north - width, tiles.pool.bottom[draws.slots]], axis=1)
+        high = np.stack([west + width, north, tiles.pool.top[draws.slots]], axis=1)
+        eye, pixel = np.array(view.camera.eye), view.pixel
+        apart = np.maximum(np.maximum(low - eye, eye - high), 0.0)
+        away = np.maximum(np.abs(low - eye), np.abs(high - eye))
+        near, far = (pixel * np.maximum(np.linalg.norm(each, axis=1), NEAREST) for each in (apart, away))
+        sine = np.clip(STEEPER * pixel * apart[:, 2] / far, LEAST_SINE, 1.0)
+        widths = (_stepped(near, np.floor), _stepped(far, np.ceil), _stepped(far / sine, np.ceil))
+        keys = list(zip(draws.keys, draws.cases.tolist(), *(each.tolist() for each in widths), strict=True))
+        return _Squares(keys, np.hstack([low[:, :2], high[:, :2]]), *widths)
+
+    def _found(
+        self, drapes: Drapes, held: Held | None, draws: DrawList, squares: _Squares
+    ) -> dict[int, _Cut]:
+        """Return what lies in tiles, by their numbers: all features, or the held one."""
         names = [(drapes, held, key) for key in squares.keys]
         new = np.flatnonzero([name not in self._kept for name in names])
         for number, shown in zip(new.tolist(), self._near(drapes, held, squares, new).tolist(), strict=True):
-            self._kept[names[number]] = self._cut(drapes, held, squares, number) if shown else _NOTHING
-        used: dict[object, Cut] = {name: self._kept[name] for name in names}
-        if len(self._kept) > KEPT_SQUARES or self.nbytes > KEPT_BYTES:
+            mesh = mesh_of(self._stream.tiles.quads, int(draws.cases[number]))
+            found = self._cut(drapes, held, squares, number, mesh) if shown else _NOTHING
+            self._kept[names[number]] = found
+        used: dict[object, _Cut] = {name: self._kept[name] for name in names}
+        if len(self._kept) > KEPT_SQUARES or self.nbytes - self._uploaded > KEPT_BYTES:
             self._kept = used
         return {number: each for number, each in enumerate(used.values()) if len(each.vertices)}
 
-    def _near(self, drapes: Drapes, held: Held | None, squares: Squares, which: Int64Array) -> BoolArray:
-        """Return whether features, or the held one, may reach some squares."""
+    def _near(self, drapes: Drapes, held: Held | None, squares: _Squares, which: Int64Array) -> BoolArray:
+        """Return whether features, or the held one, may reach some tiles."""
         reach = reaches(drapes.styles, squares.far[which, None], squares.border[which, None])
         reach, boxes = reach.max(axis=1, initial=0.0, keepdims=True), squares.boxes[which]
         low, high = boxes[:, :2] - reach, boxes[:, 2:] + reach
@@ -159,34 +196,17 @@ class FeatureCutter:
             self._items = name, drapes.only(held, drapes.layers[held[0]]["finest"])  # at any scale
         return self._items[1]
 
-    def _cut(self, drapes: Drapes, held: Held | None, squares: Squares, number: int) -> Cut:
+    def _cut(self, drapes: Drapes, held: Held | None, squares: _Squares, number: int, mesh: QuadMesh) -> _Cut:
         west, south, east, north = squares.boxes[number].tolist()
         box = west, south, east, north
         near, far, border = (float(each[number]) for each in (squares.near, squares.far, squares.border))
         items = drapes.items(box, near) if held is None else self._held_items(drapes, held)
         hatches = np.radians([each.style["hatch_angle"] for each in drapes.styles])
         pieces = ConvexPieces.of_items(items, reaches(drapes.styles, far, border), hatches)
-        return Cut(cut(pieces, mesh_of(squares.quads, int(squares.cases[number])), box), pieces.parts)
+        return _Cut(cut(pieces, mesh, box), pieces.parts)
 
-
-class PartBuffers:
-    """Buffers of cut features, for a program with kernels/render/draped.glsl.
-
-    `instances` are buffers of the squares, with format and attributes.
-    """
-
-    def __init__(
-        self, context: moderngl.Context, program: moderngl.Program, *instances: tuple[object, ...]
-    ) -> None:
-        self._context, self._program, self._instances = context, program, instances
-        self._state: object = None
-        self.nbytes = 0
-
-    def write(self, cuts: dict[int, Cut], styles: Sequence[LayerStyle]) -> None:
-        """Upload features unless they are there, with a draw command in `commands` for each of the squares.
-
-        `array` has the vertices. Tables are bound.
-        """
+    def _upload(self, cuts: dict[int, _Cut], styles: Sequence[LayerStyle]) -> None:
+        """Upload features unless they are there, with a draw command for each of the tiles; bind tables."""
         state = [(number, id(each.vertices)) for number, each in cuts.items()], id(styles)
         if state != self._state:
             parts, counts = ([len(each[k]) for each in cuts.values()] for k in (1, 0))
@@ -197,66 +217,13 @@ class PartBuffers:
             commands["instances"], commands["base_vertex"] = 1, list(cuts)
             table = np.concatenate([each.parts for each in cuts.values()])
             content = [each.tobytes() for each in (vertices, table, style_table(styles), commands)]
-            bound, self._parts, self._styles, self.commands = map(self._context.buffer, content)
-            bindings = [(bound, *_FORMAT), *self._instances]
-            self.array = self._context.vertex_array(self._program, bindings, skip_errors=True)
-            self.nbytes, self._state, self._held = sum(map(len, content)), state, (cuts, styles)  # of the ids
+            bound, self._parts, self._styles, self._commands = map(self._context.buffer, content)
+            bindings = [(bound, *_FORMAT), self._tiles.tile_bindings, (self._slots, "1i4/i", "slot")]
+            self._array = self._context.vertex_array(self._program, bindings, skip_errors=True)
+            self._uploaded, self._state, self._held = (
+                sum(map(len, content)),
+                state,
+                (cuts, styles),
+            )  # of the ids
         self._parts.bind_to_storage_buffer(2)
         self._styles.bind_to_storage_buffer(3)
-
-
-class DrapedGeometry:
-    """Draws features, cut at the triangles of the drawn tiles. Rasters are left out.
-
-    `samples` are those of the G-buffer along each axis of a pixel.
-    """
-
-    def __init__(self, context: moderngl.Context, stream: TerrainStream, *, samples: int) -> None:
-        self._stream, self._tiles = stream, stream.tile_renderer
-        macros = {"SAMPLES": samples, "VERTEX_WORDS": 4 + 2 * self._tiles.words, "SMOOTH": 0}
-        self._program = self._tiles.create_program(
-            "draped_geometry.vert.glsl", "draped_geometry.frag.glsl", macros=macros
-        )
-        self._slots = context.buffer(reserve=4 * self._tiles.capacity, dynamic=True)
-        slots = self._slots, "1i4/i", "slot"
-        self._cutter = FeatureCutter()
-        self._parts = PartBuffers(context, self._program, self._tiles.tile_bindings, slots)
-        self.is_loaded = True
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of buffers on the device and of cached arrays."""
-        return self._parts.nbytes + self._cutter.nbytes
-
-    def draw(
-        self,
-        drapes: Drapes,
-        view: DrapedView,
-        targets: RenderTargets,
-        buffer: DrapedBuffer | None = None,
-        *,
-        moving: bool = False,
-        held: Held | None = None,
-        share: float = 1.0,
-    ) -> None:
-        """Draw all features, or the held one, into the bound framebuffer; `share` scales their opacities."""
-        if (draws := self._stream.draws) is None or not drapes.styles:
-            return
-        found = self._cutter.cut(drapes, held, self._squares(draws, view))
-        if not found:
-            return
-        self._parts.write(found, drapes.styles)
-        self._slots.orphan()
-        self._slots.write(draws.slots.astype(np.int32).tobytes())
-        self._tiles.bind_vertices(1)
-        targets.depth.use(1)
-        set_uniforms(self._program, {"ground_depth": 1, "share": share})
-        self._tiles.draw_commands(self._parts.array, self._parts.commands, len(found))
-
-    def _squares(self, draws: DrawList, view: DrapedView) -> Squares:
-        tiles, unit = self._stream.tiles, metres_per_unit(self._stream.tiles.extent)
-        width = unit * draws.steps * tiles.quads
-        west, north = (unit * draws.corners).T
-        low = np.stack([west, north - width, tiles.pool.bottom[draws.slots]], axis=1)
-        boxes = Boxes(low, np.stack([west + width, north, tiles.pool.top[draws.slots]], axis=1))
-        return Squares.seen(draws.keys, boxes, tiles.quads, draws.cases, view)

@@ -114,7 +114,7 @@ class Renderer:
         steps: tuple[tuple[str, Callable[[], bool]], ...] = (
             ("light", lambda: lit.converge(camera, budget())),
             ("tiles", lambda: self.stream.refine(camera, size, draw_distance=distance, budget=part)),
-            ("appearance", lambda: scenery.appearance.update(seen, pool, budget())),
+            ("appearance", lambda: scenery.paint(seen, pool, budget())),
             ("foliage", lambda: scenery.forest.refine(camera, size, lit, budget())),
             ("appearance", lambda: scenery.labels.update(camera.eye, above, elapsed, part)),
         )
@@ -253,10 +253,11 @@ class Renderer:
         Return whether it is complete but for plants and labels, and the seconds of light and plants.
         """
         view, draw_distance, above = clipped
-        lit, forest, appearance = self.scenery.lit, self.scenery.forest, self.scenery.appearance
+        lit, forest, scenery = self.scenery.lit, self.scenery.forest, self.scenery
         self._since_update += elapsed
         self._turn = (self._turn + 1) % len(TILES_SHARE)
-        others_pending = not (appearance.converged and lit.converged and forest.converged)
+        is_painted = scenery.appearance.converged and scenery.draped.converged
+        others_pending = not (is_painted and lit.converged and forest.converged)
         tiles = self.stream.update(
             view,
             size,
@@ -265,20 +266,20 @@ class Renderer:
             draw_distance=draw_distance,
         )
         left = max(budget - tiles.generation_seconds, budget * OTHERS_SHARE[self._turn])
-        if appearance and (seen := self.stream.view) is not None:
+        if (seen := self.stream.view) is not None:
             if any(seen.velocity):  # as small as it is drawn
                 seen = replace(seen, pixels_per_radian=seen.pixels_per_radian * self._scale)
             spent = TimeBudget(JUMP_BUDGET if tiles.jumped else 0.5 * left, timer=self._timer)
-            appearance.update(seen, self.stream.tiles.pool, spent)
+            scenery.paint(seen, self.stream.tiles.pool, spent)
             left = max(left - spent.spent, 0.0)
         remaining = TimeBudget(left, timer=self._timer)
         lit.update(view, elapsed, remaining.fraction(0.5))
         light_end = remaining.spent
         forest.update(view, size, lit, elapsed, remaining)
         plants = remaining.spent - light_end
-        self.scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget)
-        ground = tiles.converged and appearance.converged and lit.converged
-        return ground and self.scenery.draped.converged, tiles, light_end, plants
+        scenery.labels.update(view.eye, above, elapsed, LABELS_SHARE * budget)
+        is_painted = scenery.appearance.converged and scenery.draped.converged
+        return tiles.converged and lit.converged and is_painted, tiles, light_end, plants
 
     def _clipped(self, camera: Camera) -> ClippedView:
         """Return the camera with clipping planes for its height."""

@@ -27,7 +27,7 @@ from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.labels import Labels
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.programs import ResourceCache, Textures, bind_textures
-from sketchterrain.render.quality import Quality
+from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.scene import TerrainSource
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun, Weather
@@ -35,7 +35,8 @@ from sketchterrain.render.targets import FrameBlock, RenderTargets, depth_rows, 
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
 from sketchterrain.schema.geology import Strata
-from sketchterrain.tiles.lod import ScreenError
+from sketchterrain.tiles.lod import CameraView, ScreenError
+from sketchterrain.tiles.tile_pool import TilePool
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
@@ -166,6 +167,10 @@ class Scenery:
         self.labels.set_drapes(drapes)
         self._paint_drapes()
 
+    def paint(self, view: CameraView, pool: TilePool, budget: TimeBudget) -> bool:
+        """Draw tiles of what is painted on the ground; return whether a view has all of them."""
+        return self.appearance.update(view, pool, budget) & self.draped.update(view, pool, budget)
+
     def settle_drapes(self) -> None:
         """End all fades of draped features, for a still."""
         self.draped.settle()
@@ -253,7 +258,7 @@ class Scenery:
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         yield from self.stream.draw(camera.eye, parts=parts)
-        self.draped.draw(camera, targets, _pixel(camera, size[1]), moving=moving)
+        self.draped.draw(camera, targets, _pixel(camera, size[1]))
         self.surface.update(camera.eye, moving=moving)
         clouds = self._clouds.follow(
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving

@@ -168,18 +168,14 @@ class DrapedBuffer:
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
 
-    def resolve(self, depth: moderngl.Texture, into: moderngl.Framebuffer | None = None) -> None:
-        """Average the samples, and restore the usual blending.
-
-        By default the mean is that of the samples on the ground in front by a G-buffer's depth.
-        """
+    def resolve(self, depth: moderngl.Texture) -> None:
+        """Average samples on the ground in front by a G-buffer's depth; restore the usual blending."""
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         self._context.enable_only(moderngl.NOTHING)
-        (into or self._mean).use()
+        self._mean.use()
         self._samples.use(7)
         depth.use(8)
-        values = {"drawn": 7, "ground_depth": 8, "all_samples": float(into is not None)}
-        set_uniforms(self._average.program, values)
+        set_uniforms(self._average.program, {"drawn": 7, "ground_depth": 8})
         self._average.render(vertices=3)
 
 

@@ -24,10 +24,10 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.drape.painting import DrapedAppearance
 from sketchterrain.landuse.areas import FOREST, MEADOW, land_use
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.layers.landuse import LandUseLayer
+from sketchterrain.terrain.painted_land import PaintedLand
 
 GROUND = "mountain_pass"
 _TEXELS = (0.06, 0.25, 1.0, 4.0, 16.0)  # m
@@ -44,7 +44,7 @@ def open_appearance(context: TimedContext) -> Appearance:
     use = np.where(fields.use == FOREST, MEADOW, fields.use).astype(np.uint8)  # crowns depend on the texel
     areas = replace(fields, use=use, edges=edges)
     recipe = terrain.recipe.with_layers([LandUseLayer(terrain.recipe.materials.names, areas)])
-    return Appearance(recipe, context, terrain.heights)
+    return Appearance(PaintedLand(recipe, context, terrain.heights))
 
 
 def appearance_table(context: TimedContext, exact: TimedContext | None, effort: Effort) -> Table:
@@ -120,19 +120,18 @@ _COUNT: Final = 40  # features
 _DRAPE_HEADINGS = {"whole": "of all texels, %"}
 
 
-def _drapes(
-    context: ComputeContext, folder: Path, *layers: tuple[Shapes, dict[str, object]]
-) -> DrapedAppearance:
+def _drapes(context: ComputeContext, folder: Path, *layers: tuple[Shapes, dict[str, object]]) -> Appearance:
     """Return layers of shapes that are drawn in white."""
     extent, opened = _SIDE * TEXEL, list[DrapedLayer]()
     for shapes, style in layers:
         path = write_layer(folder / f"{len(list(folder.iterdir()))}.fgb", shapes)
         look = {"unit": "m", "colour": "#ffffff", "fill_opacity": 1.0, **style}
         opened.append(DrapedLayer(str(path), {}, look))
-    return DrapedAppearance(Drapes.open(opened, Sketch().frame, (extent, extent), extent), context, extent)
+    drapes = Drapes.open(opened, Sketch().frame, (extent, extent), extent)
+    return Appearance(PaintedLand.bare(extent, context)).with_drapes(drapes)
 
 
-def kernel_drapes(context: ComputeContext, folder: Path) -> DrapedAppearance:
+def kernel_drapes(context: ComputeContext, folder: Path) -> Appearance:
     """Return a hundred and fifty lines over as many areas, for a tile."""
     extent = _SIDE * TEXEL
     areas, lines = random_areas(150, extent, radius=12.0), random_lines(150, extent, points=12, step=8.0)
@@ -154,7 +153,7 @@ def drape_table(context: TimedContext, effort: Effort) -> Table:
 
 
 def _drape_rows(
-    what: str, paint: DrapedAppearance, shapes: Shapes, context: TimedContext, effort: Effort
+    what: str, paint: Appearance, shapes: Shapes, context: TimedContext, effort: Effort
 ) -> Iterator[Row]:
     true, work = _exact(shapely.union_all(shapes)), partial(_shares, paint)
     for method, found, times in _measured(work, work, context, effort):
@@ -169,7 +168,7 @@ def _drape_rows(
         }
 
 
-def _shares(paint: DrapedAppearance, many: int) -> Float64Array:
+def _shares(paint: Appearance, many: int) -> Float64Array:
     cell, count = TEXEL / many, _SIDE * many
     texels = paint.window(
         0.5 * cell, _SIDE * TEXEL - 0.5 * cell, cell=(cell, cell), columns=count, rows=count

@@ -54,7 +54,6 @@ WRITTEN: Mapping[str, float] = {
     "write_graded": 24 * 80,
     "appearance": 4,  # a texel
     "area_means": 4 * _REAL,
-    "drape": 4,  # a texel
     "material_paint": 4 * _REAL,
     "material_relief": 4 * _REAL,
     "bench_fbm": _REAL,
@@ -77,7 +76,7 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
     `count_points` and `write_…` their lists (an item is 256 cells of a row). `bench_fbm` is 8 octaves of
     noise on a grid, `bench_fbm_slope` with slopes, `bench_base_detail` as many of detail below a DEM,
     `appearance` paints a tile of roads among fields, of texels of 0.5 m and of 65 m, for which `area_means`
-    sums up fields (an item is a texel, an area), `drape` a tile of 150 draped lines over as many areas,
+    sums up fields (an item is a texel, an area), and a tile of 150 draped lines over as many areas,
     `material_paint` and `material_relief` the materials'
     textures (an item is a texel), `spline_…_distances`
     the distance to a spline of six control points, flattened for cells of 1 m. Medians and 95th percentiles
@@ -125,7 +124,7 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_KernelCase,
         yield _KernelCase(kernels, GROUND, level), partial(_painted, paint, tile)
     with TemporaryDirectory() as folder:
         drapes = kernel_drapes(context, Path(folder))
-        yield _KernelCase(("drape",)), partial(drapes.tiles, [(0, 0, 0)])
+        yield _KernelCase(("appearance",), "draped layers"), partial(drapes.tiles, [(0, 0, 0)])
         drapes.tiles([(0, 0, 0)])  # lists it while the file is there
     yield from _point_works(context, round(_POINT_SIDE * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
@@ -156,7 +155,7 @@ def _point_works(context: TimedContext, side: int) -> Iterator[tuple[_KernelCase
 
 def _painted(paint: Appearance, tile: tuple[int, ...]) -> None:
     """Paint a tile without what is known of others."""
-    replace(paint).tiles([tile])
+    replace(paint, land=replace(paint.land)).tiles([tile])
 
 
 def _even(west: int, south: int, east: int, north: int) -> SpacingRaster:

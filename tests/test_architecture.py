@@ -21,9 +21,9 @@ IMPORT = re.compile(r"^[ \t]*((?:from|import)[ \t][^(\n]*(?:\([^)]*\))?)", re.MU
 
 COMMON = {"errors", "array_types", "caching", "io", "host", "stages", "geometry"}
 BASE = COMMON | {"schema", "features", "document"}
-LAND = BASE | {"elevation", "landforms", "roads", "landuse", "compute", "terrain", "vegetation"}
+LAND = BASE | {"elevation", "landforms", "roads", "landuse", "compute", "drape", "terrain", "vegetation"}
 CORE = LAND | {"generation", "measure"}
-SHOWN = CORE | {"tiles", "look", "drape", "render", "export", "importing"}
+SHOWN = CORE | {"tiles", "look", "render", "export", "importing"}
 # Each room and the rooms above it that it may import; a room may always import itself.
 MAY_IMPORT = {
     "errors": set(),
@@ -41,15 +41,15 @@ MAY_IMPORT = {
     "roads": BASE | {"landforms"},
     "landuse": BASE | {"landforms"},
     "compute": {"errors", "array_types", "io"},
+    "drape": BASE | {"elevation"},
     "terrain": LAND - {"vegetation"},
     "vegetation": LAND,
     "generation": LAND,
     "measure": LAND | {"generation"},
     "tiles": {"errors", "array_types", "host"},
     "look": CORE,
-    "drape": CORE | {"look"},
-    "render": CORE | {"tiles", "look", "drape"},
-    "export": CORE | {"tiles", "look", "drape"},
+    "render": CORE | {"tiles", "look"},
+    "export": CORE | {"tiles", "look"},
     "importing": BASE | {"elevation"},
     "jobs": SHOWN,
     "batch": SHOWN | {"jobs"},

@@ -2,7 +2,7 @@
 
 #include "edges.h"
 
-#define BLOCKS (SIDE / DRAPE_BLOCK)
+#define BLOCKS (SIDE / BLOCK)
 
 typedef struct {
     int64_t most_pieces, most_pairs, pieces, pairs;
@@ -32,8 +32,8 @@ static void add_piece(Lists *lists, int64_t item, const double piece[8])
 }
 
 /* First and last block of an interval; the last one is before the first where none is. */
-static int64_t first_block(double low) { return bounded_floor(low / DRAPE_BLOCK, 0, BLOCKS); }
-static int64_t last_block(double high) { return bounded_floor(high / DRAPE_BLOCK, -1, BLOCKS - 1); }
+static int64_t first_block(double low) { return bounded_floor(low / BLOCK, 0, BLOCKS); }
+static int64_t last_block(double high) { return bounded_floor(high / BLOCK, -1, BLOCKS - 1); }
 
 /* List a segment or point in all blocks that it may cover a part of. */
 static void list_segment(Lists *lists, int64_t item, double reach, const double piece[8])
@@ -44,12 +44,12 @@ static void list_segment(Lists *lists, int64_t item, double reach, const double 
     double south = least(y, y + north) - reach, north_end = greatest(y, y + north) + reach;
     if (east_end < 0.0 || north_end < 0.0 || west > SIDE || south > SIDE)
         return;
-    double square = east * east + north * north, far = reach + DRAPE_BLOCK * sqrt(0.5);
+    double square = east * east + north * north, far = reach + BLOCK * sqrt(0.5);
     int64_t before = lists->pairs, first = first_block(west), last = last_block(east_end);
     for (int64_t j = first_block(south); j <= last_block(north_end); j++) {
-        double dy = ((double)j + 0.5) * DRAPE_BLOCK - y, apart[BLOCKS];
+        double dy = ((double)j + 0.5) * BLOCK - y, apart[BLOCKS];
         for (int64_t k = first; k <= last; k++) {
-            double dx = ((double)k + 0.5) * DRAPE_BLOCK - x, t = (dx * east + dy * north) / square;
+            double dx = ((double)k + 0.5) * BLOCK - x, t = (dx * east + dy * north) / square;
             t = square > 0.0 ? least(greatest(t, 0.0), 1.0) : 0.0;
             apart[k] = (dx - t * east) * (dx - t * east) + (dy - t * north) * (dy - t * north);
         }
@@ -134,7 +134,7 @@ static void list_ring(Lists *lists, int64_t item, int64_t points, const double p
         double slope = top > y ? (to_x - x) / (top - y) : 0.0;
         int64_t edge = -1;
         for (int64_t j = first_block(y); j <= last_block(top); j++) {
-            double south = (double)(j * DRAPE_BLOCK), end = south + DRAPE_BLOCK;
+            double south = (double)(j * BLOCK), end = south + BLOCK;
             double low = greatest(y, south), high = least(top, end);
             double at = low == y ? x : x + (low - y) * slope;
             double until = high == top ? to_x : x + (high - y) * slope;
@@ -154,7 +154,7 @@ static void list_ring(Lists *lists, int64_t item, int64_t points, const double p
                         add_piece(lists, item, (double[8]){b, above, a - b, bottom - above});
                 }
                 add_pair(lists, j, c, item, edge);
-                double west = (double)(c * DRAPE_BLOCK);
+                double west = (double)(c * BLOCK);
                 if ((at < west) == (until < west))
                     continue;
                 double height = at < west ? low : high, rise = end - height;

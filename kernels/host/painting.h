@@ -7,9 +7,9 @@
 
 #include "host.h"
 
-/* As in kernels/drape.cl and drape.clh; tests compare. */
+/* As in kernels/appearance.cl and drape.clh; tests compare. */
 #define SIDE 192 /* texels along a square */
-#define DRAPE_BLOCK 8 /* texels along a block */
+#define BLOCK 8 /* texels along a block */
 #define PIECE_STARTS 1
 #define PIECE_ENDS 2
 #define PIECE_JOINS 4

@@ -223,9 +223,7 @@ def sample_terrain(
 
 def sample_appearance(terrain: Terrain, grid: SampleGrid) -> npt.NDArray[np.uint8] | None:
     """Return the colour of roads, land use and draped layers at a grid's vertices; None without any."""
-    from sketchterrain.drape.painting import draped_appearance  # loads scipy
-
-    appearance = draped_appearance(terrain)
+    appearance = terrain.draped_appearance
     if appearance.is_empty:
         return None
     size = {"columns": grid.columns, "rows": grid.rows}

@@ -18,6 +18,7 @@ from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.layers.relief import ReliefLayer
+from sketchterrain.terrain.painted_land import PaintedLand
 from sketchterrain.terrain.rasters import GridWindow, QuantizedBand, bands, quantized_bands, window_bands
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import (
@@ -91,7 +92,18 @@ class Terrain:
     @cached_property
     def appearance(self) -> Appearance:
         """Colour of roads and land use on the ground."""
-        return Appearance(self.recipe, self.context, self.heights)
+        return Appearance(PaintedLand(self.recipe, self.context, self.heights))
+
+    @property
+    def draped_appearance(self) -> Appearance:
+        """`appearance` beneath the draped layers of the sketch."""
+        sketch = self.sketch
+        if not sketch.drapes:
+            return self.appearance
+        from sketchterrain.drape.drapes import Drapes  # loads GDAL
+
+        drapes = Drapes.open(sketch.drapes, sketch.frame, sketch.size, self.extent)
+        return self.appearance.with_drapes(drapes)
 
     @property
     def extent(self) -> float:

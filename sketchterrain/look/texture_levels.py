@@ -21,13 +21,11 @@ from sketchterrain.look.texture_maker import (
     SOURCE,
     decode_level,
     emboss,
-    linear_from_hex,
     mipmaps,
     paint_layer,
-    srgb_to_linear,
 )
 from sketchterrain.schema.geology import Rock
-from sketchterrain.schema.materials import BUILT_IN, MaterialTable, Texture
+from sketchterrain.schema.materials import BUILT_IN, MaterialTable, Texture, linear_from_hex, srgb_to_linear
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.array_types import Float32Array, Float64Array, UInt8Array
+    from sketchterrain.array_types import Float32Array, UInt8Array
     from sketchterrain.compute.context import ComputeContext
 
     Array = npt.NDArray[Any]
@@ -90,13 +90,3 @@ def decode_level(colour: UInt8Array, relief: UInt8Array) -> tuple[Array, Array]:
     flat = 2.0 * bytes_[..., :2] - 1.0
     up = np.sqrt(np.maximum(1.0 - (flat * flat).sum(axis=-1, keepdims=True), 1.0 - _STEEPEST**2))
     return painted, np.concatenate([-flat / up, bytes_[..., 2:]], axis=-1)
-
-
-def linear_from_hex(colour: str) -> Float64Array:
-    """Return the linear albedo of an sRGB colour ``#rrggbb``."""
-    return srgb_to_linear(np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0)
-
-
-def srgb_to_linear(values: Array) -> Array:
-    """Convert sRGB values 0..1 to linear ones (IEC 61966-2-1)."""
-    return np.asarray(np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))

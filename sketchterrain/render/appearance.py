@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds, Int64Array
-from sketchterrain.drape.painting import DrapedAppearance
 from sketchterrain.host.library import host_function
 from sketchterrain.render.programs import Textures, clamped
 from sketchterrain.render.quality import UNLIMITED, Quality, TimeBudget, WorkRate
 from sketchterrain.render.scene import PaintedTerrain, TileSource
-from sketchterrain.terrain.appearance import AppearanceSource
+from sketchterrain.terrain.appearance import Appearance
+from sketchterrain.terrain.painted_land import PaintedLand
 from sketchterrain.tiles.appearance import PAGES, TEXELS, AppearanceTiles
 from sketchterrain.tiles.lod import CameraView
 from sketchterrain.tiles.quadtree import decode
@@ -33,7 +33,7 @@ JUMP_BUDGET: Final = 0.25  # s for the first frame and the frame of a jump
 
 
 class _Cache(NamedTuple):
-    source: AppearanceSource
+    source: Appearance
     tiles: AppearanceTiles
     pages: moderngl.TextureArray
     texels: moderngl.TextureArray
@@ -89,8 +89,7 @@ class AppearanceTextures:
             return 0
         texels = 4 * cache.tiles.slots * TEXELS**2 * (1 + (cache.filters is not None))
         pages = 8 * PAGES**2 * (cache.tiles.finest + 1)
-        lists = cache.source.nbytes if isinstance(cache.source, DrapedAppearance) else 0
-        return int(texels + pages) + lists
+        return int(texels + pages) + cache.source.nbytes
 
     @property
     def converged(self) -> bool:
@@ -110,18 +109,15 @@ class AppearanceTextures:
 
     def _set_source(self, areas: Sequence[Bounds]) -> None:
         cache, source = self._cache, self._source()
-        if source is None or source.is_empty:
+        if source.is_empty:
             self._cache = None
             return
-        filters, slots = False, self._quality.appearance_tiles
-        if isinstance(source, DrapedAppearance):
-            filters = source.filters
+        filters, slots = source.filters, self._quality.appearance_tiles
+        if source.layers is not None:
             slots = min(slots, DRAPED_TILES >> filters)
         if cache is not None and cache.tiles.slots == slots and (cache.filters is not None) == filters:
             own = source.changed_areas(cache.source)
-            draped = [each for each in (source, cache.source) if isinstance(each, DrapedAppearance)]
-            reach = max((each.reach for each in draped), default=1.0)
-            cache.tiles.invalidate([*areas, *map(tuple, own.tolist())], texels=reach)
+            cache.tiles.invalidate([*areas, *map(tuple, own.tolist())], texels=source.reach(cache.source))
             self._cache = cache._replace(source=source)
             return
         tiles = AppearanceTiles(source.extent, slots=slots)
@@ -131,18 +127,15 @@ class AppearanceTextures:
         arrays = [clamped(self._context.texture_array(size, 4)) for _ in range(1 + filters)]
         self._cache = _Cache(source, tiles, pages, arrays[0], arrays[1] if filters else None)
 
-    def _source(self) -> AppearanceSource | None:
+    def _source(self) -> Appearance:
         """Return what is painted on the terrain: its own appearance under draped layers."""
         terrain = self._terrain
         is_painted = self._over_land and isinstance(terrain, PaintedTerrain)
-        below = terrain.appearance if is_painted else None
-        below = None if below is None or below.is_empty else below
+        own = terrain.appearance if is_painted else None
+        own = own or Appearance(PaintedLand.bare(terrain.extent, terrain.context))
         if self._drapes is None or self._drapes.is_empty:
-            return below
-        old = None if self._cache is None else self._cache.source
-        if isinstance(old, DrapedAppearance) and old.context is terrain.context:
-            return old.updated(self._drapes, below)
-        return DrapedAppearance(self._drapes, terrain.context, terrain.extent, below)
+            return own
+        return own.with_drapes(self._drapes, self._cache and self._cache.source)
 
     def update(self, view: CameraView, pool: TilePool, budget: TimeBudget = UNLIMITED) -> bool:
         """Draw tiles of a view within a budget, but at least one; return whether that is all of them.

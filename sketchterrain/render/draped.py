@@ -95,7 +95,9 @@ class DrapedScreen:
         """The method that draws all layers, None for tiles."""
         if self.method == "two-step":
             return TwoStepDraping(self._context, self._stream, self._lit, self._quality)
-        return self.geometry if self.method == "geometry" else None
+        if self.method == "geometry":
+            return DrapedGeometry(self._context, self._stream, samples=self._quality.samples)
+        return None
 
     @property
     def nbytes(self) -> int:
@@ -164,7 +166,7 @@ class DrapedScreen:
             if isinstance(screen, TwoStepDraping) and self._shows_rest:
                 screen.draw(view, targets, self._buffer)
             elif screen is not None and rest is not None and self._shows_rest:
-                self.geometry.draw(rest, view, targets)
+                screen.draw(rest, view, targets)
             for version, feature, share in held:
                 self.geometry.draw(version, view, targets, held=feature, share=share)
         finally:

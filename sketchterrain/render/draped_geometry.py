@@ -10,16 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.drape.painting import WHITE
 from sketchterrain.features.items import Items
 from sketchterrain.geometry.lattice import metres_per_unit
-from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_cutting import PART, VERTEX, ConvexPieces, QuadMesh, cut, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.vertex_memory import COMMAND
+from sketchterrain.terrain.painted_layers import style_row
 from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:
@@ -35,27 +34,7 @@ LEAST_SINE: Final = 0.1
 STEEPER: Final = 0.5  # of the sine at level ground: slopes may turn away
 NEAREST: Final = 0.01  # m, least distance for the width of pixels
 BORDER: Final = 0.75  # px beyond a stroke
-_STYLE_ROWS: Final = 6  # vec4s a style, kernels/render/draped.glsl
-_CODES: Final = {"butt": 0, "bevel": 1, "round": 1, "square": 2, "mitre": 2}  # of caps and joins
 _FORMAT: Final = ("4u2 2f4 2f4 1u4", "corners", "weights", "place", "part")
-
-
-def style_table(styles: Sequence[LayerStyle]) -> npt.NDArray[np.float32]:
-    """Return the rows of styles that kernels/render/draped.glsl reads, (styles · _STYLE_ROWS, 4)."""
-    table = np.zeros((len(styles), _STYLE_ROWS, 4), np.float32)
-    for row, each in zip(table, styles, strict=True):
-        style, opacity = each.style, each.opacity
-        if style["colour"]:
-            row[0] = *(WHITE * linear_from_hex(style["colour"])), opacity
-        if style["fill"]:
-            row[1] = *(WHITE * linear_from_hex(style["fill"])), opacity * style["fill_opacity"]
-        row[2] = style["width"], style["unit"] == "px", *(_CODES[style[name]] for name in ("cap", "join"))
-        spans = each.dash_spans.ravel()
-        row[3:5].reshape(-1)[: len(spans)] = spans
-        spacing, hatch = style["hatch_spacing"], style["hatch"]
-        share = min(style["width"] / spacing, 1.0)
-        row[5] = spacing * (hatch != "none"), share, hatch == "cross", each.dashes.sum()
-    return table.reshape(-1, 4)
 
 
 def reaches(
@@ -216,14 +195,12 @@ class DrapedGeometry:
             commands["count"], commands["first"] = counts, np.cumsum([0, *counts[:-1]])
             commands["instances"], commands["base_vertex"] = 1, list(cuts)
             table = np.concatenate([each.parts for each in cuts.values()])
-            content = [each.tobytes() for each in (vertices, table, style_table(styles), commands)]
+            looks = np.array([style_row(each) for each in styles], np.float32)
+            content = [each.tobytes() for each in (vertices, table, looks, commands)]
             bound, self._parts, self._styles, self._commands = map(self._context.buffer, content)
             bindings = [(bound, *_FORMAT), self._tiles.tile_bindings, (self._slots, "1i4/i", "slot")]
             self._array = self._context.vertex_array(self._program, bindings, skip_errors=True)
-            self._uploaded, self._state, self._held = (
-                sum(map(len, content)),
-                state,
-                (cuts, styles),
-            )  # of the ids
+            self._uploaded, self._state = sum(map(len, content)), state
+            self._shown = cuts, styles  # of the ids
         self._parts.bind_to_storage_buffer(2)
         self._styles.bind_to_storage_buffer(3)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.terrain.appearance import AppearanceSource
+from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.surfaces import TerrainFeatures, VertexMemory, VertexStore
 from sketchterrain.tiles.stream import QUADS
 
@@ -67,7 +67,7 @@ class PaintedTerrain(Protocol):
     """Terrain that vectors may paint on."""
 
     @property
-    def appearance(self) -> AppearanceSource | None:
+    def appearance(self) -> Appearance | None:
         """What they paint."""
 
 

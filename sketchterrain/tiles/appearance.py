@@ -29,10 +29,13 @@ _MARGIN: Final = 0.05  # of the distance, about the frustum
 _FARTHEST: Final = 16.0  # extents
 _ANY_HEIGHT: Final = 1e5  # m
 _RECORDS: Final = 8  # per slot: tiles of one colour need no slot
+_MOST_KNOWN: Final = 1 << 16  # tiles of which it is known whether anything shows there
 
 _RECORD: Final = np.dtype(  # of a drawn tile, sorted by codes; slot -1: it has one colour
     [("code", "i8"), ("slot", "i8"), ("colour", "u4"), ("used", "i8"), ("is_stale", "?")]
 )
+
+_KNOWN: Final = np.dtype([("code", "i8"), ("is_full", "?")])  # sorted by codes
 
 Occupied = Callable[[Int64Array], BoolArray]
 """Whether anything may show in tiles (n, 3) of level, column and row, (n,)."""
@@ -57,7 +60,7 @@ class AppearanceTiles:
         self.extent, self.slots = extent, slots
         self.finest = max(round(np.log2(extent / (TEXELS - 2) / FINEST_TEXEL)), 0)
         self.changes = 0  # of anything that page tables depend on, except for the eye
-        self._records = np.zeros(0, _RECORD)
+        self._records, self._known = np.zeros(0, _RECORD), np.zeros(0, _KNOWN)
         self._needed = NeededTiles(self._records["code"], self._records["code"])
         self._time = 0
 
@@ -96,7 +99,7 @@ class AppearanceTiles:
             if not here.size:
                 break
             keys = np.stack([np.full(here.size, level), column[here], row[here]], axis=-1)
-            is_full = occupied(keys)
+            is_full = self._occupied(codes[here], keys, occupied)
             empty.append(codes[here[~is_full]])
             here = here[is_full]
             found.append(codes[here])
@@ -110,6 +113,18 @@ class AppearanceTiles:
         takes_slot = np.ones(len(codes), np.bool_)
         takes_slot[at >= 0] = self._records["slot"][at[at >= 0]] >= 0
         return NeededTiles(codes[np.cumsum(takes_slot) <= self.slots], np.sort(np.concatenate(empty)))
+
+    def _occupied(self, codes: Int64Array, keys: Int64Array, occupied: Occupied) -> BoolArray:
+        """Return whether anything may show in tiles; a view asks for the same ones in each frame."""
+        if len(self._known) > _MOST_KNOWN:
+            self._known = self._known[:0]
+        new = ~contains(self._known["code"], codes)
+        if new.any():
+            rows = np.zeros(np.count_nonzero(new), _KNOWN)
+            rows["code"], rows["is_full"] = codes[new], occupied(keys[new])
+            known = np.concatenate([self._known, rows])
+            self._known = known[np.argsort(known["code"])]
+        return np.asarray(self._known["is_full"][index_in(self._known["code"], codes)])
 
     def select(self, view: CameraView, pool: TilePool, occupied: Occupied) -> None:
         """Select the tiles of a view; the others may be replaced."""
@@ -167,6 +182,7 @@ class AppearanceTiles:
         margin = texels / (TEXELS - 2)
         self._records["is_stale"] |= touches_areas(self._records["code"], self.extent, areas, margin)
         self._keep(~self._records["is_stale"] | (self._records["used"] == self._time))
+        self._known = self._known[~touches_areas(self._known["code"], self.extent, areas, margin)]
 
     def page_table(self, eye: Sequence[float]) -> tuple[npt.NDArray[np.uint32], Int64Array]:
         """Return pages, and by level the tile (column, row) that they are around.

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import Device, choose_device, fallback_device
-from sketchterrain.drape.painting import draped_appearance
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
 from sketchterrain.generation.self_test import self_test
@@ -69,7 +68,7 @@ class TaskRunner:
     def __init__(self, job: Job, context: ComputeContext) -> None:
         self.job = job
         self.terrain = Terrain(job.sketch, job.recipe, context)
-        self._painted = draped_appearance(self.terrain)
+        self._painted = self.terrain.draped_appearance
         self._store, self._plants = shard_store(job), plant_store(job)
         self._layout = job.layout
         self._window = self.terrain.window_bytes if context.device.has_double else self._window_on_host

@@ -12,17 +12,19 @@ import shapely
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes, LayerStyle
-from sketchterrain.drape.painting import TEXEL_PIXELS, WHITE, DrapedAppearance
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
 from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.look.texture_maker import linear_from_hex
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
-from sketchterrain.terrain.appearance import SIDE
+from sketchterrain.schema.materials import linear_from_hex
+from sketchterrain.terrain.appearance import SIDE, Appearance
+from sketchterrain.terrain.orthophotos import Orthophoto
+from sketchterrain.terrain.painted_land import PaintedLand
+from sketchterrain.terrain.painted_layers import TEXEL_PIXELS, WHITE
 from tests import terrains
 from tests.devices import DEVICES, needs_device
 
@@ -90,8 +92,8 @@ def painted(parts, *, real="float", below=None, layers=None, **style):
     """Return the appearance of items in one layer, or of some by layer."""
     layers = [layer(**style)] if layers is None else layers
     parts = {0: parts} if isinstance(parts, Items) else parts
-    context = ComputeContext(DEVICES[0], real=real)
-    return DrapedAppearance(FakeDrapes(layers, parts), context, EXTENT, below)
+    land = below or PaintedLand.bare(EXTENT, ComputeContext(DEVICES[0], real=real))
+    return Appearance(land).with_drapes(FakeDrapes(layers, parts))
 
 
 @lru_cache(maxsize=4)
@@ -264,9 +266,9 @@ def test_a_line_that_crosses_itself_is_blended_once():
     cut = painted(items_of(*runs), layers=[layer(0, {"opacity": 0.5}, width=30.0, join="mitre")])
     found = cut.tiles([KEY])[0, ..., 3]
     assert set(np.unique(found[found > 120])) <= {127, 128}
-    whole = painted(items_of((STROKE, 1, loop)), layers=cut.drapes.layers)
+    whole = painted(items_of((STROKE, 1, loop)), layers=cut.layers.drapes.layers)
     assert np.array_equal(found, whole.tiles([KEY])[0, ..., 3])
-    two = painted(items_of((STROKE, 1, loop), (STROKE, 2, loop)), layers=cut.drapes.layers)
+    two = painted(items_of((STROKE, 1, loop), (STROKE, 2, loop)), layers=cut.layers.drapes.layers)
     assert two.tiles([KEY])[0, ..., 3].max() == 191
 
 
@@ -348,26 +350,12 @@ def test_many_translucent_areas_add_up():
     assert np.abs(found - (1.0 - (1.0 - opacity) ** count)).max() <= 1.0 / 255.0
 
 
-class Ground:
-    """A terrain's own appearance: one colour on all of it."""
-
-    extent, is_empty = EXTENT, False
-
-    def __init__(self, *texel):
-        self.texel, self.asked = texel, 0
-
-    def occupied(self, keys):
-        return np.ones(len(keys), bool)
-
-    def tiles(self, keys):
-        self.asked += len(keys)
-        return np.full((len(keys), SIDE, SIDE, 4), self.texel, np.uint8)
-
-    def window(self, west, north, *, cell, columns, rows):
-        return np.full((rows, columns, 4), self.texel, np.uint8)
-
-    def changed_areas(self, old):
-        return np.zeros((0, 4))
+def ground():
+    """Return land of one colour with a share of 100 / 255, and its texel."""
+    land = PaintedLand.bare(EXTENT, ComputeContext(DEVICES[0]))
+    photo = Orthophoto(np.full((1, 1, 4), (200, 120, 60, 100), np.uint8), (-4000.0, -4000.0, 6000.0, 6000.0))
+    land = land.updated(replace(land.recipe, orthophotos=(photo,)), land.heights)
+    return land, Appearance(land).tiles([KEY])[0, 90, 90]
 
 
 class Picture:
@@ -391,7 +379,8 @@ FORMULAS = {
 def test_blend_modes_and_their_order():
     """Layers of all modes over ground that is painted in part, against NumPy, for any ground."""
     area = items_of(*rings(1, shapely.box(0.0, 0.0, 1900.0, 1900.0)))
-    rng = np.random.default_rng(8)
+    rng, (land, below) = np.random.default_rng(8), ground()
+    assert below[3] == 100
     for trial in range(6):
         modes = rng.permutation(["normal", "multiply", "screen", "add"])[: 2 + trial % 3]
         if trial == 0:
@@ -402,19 +391,17 @@ def test_blend_modes_and_their_order():
             layer(number, {"blend": mode, "opacity": opacity}, fill=colour, colour="")
             for number, (mode, colour, opacity) in enumerate(zip(modes, colours, opacities, strict=True))
         ]
-        paint = painted(
-            dict.fromkeys(range(len(modes)), area), layers=layers, below=Ground(180, 120, 60, 100)
-        )
+        paint = painted(dict.fromkeys(range(len(modes)), area), layers=layers, below=land)
         texel = paint.tiles([KEY])[0, 90, 90] / 255.0
         assert paint.filters == (trial != 0)
         assert len(texel) == 4 + 4 * paint.filters
-        for ground in (0.05, 0.3):
-            value = ground + (np.array([180.0, 120.0, 60.0]) ** 2 / 255.0**2 - ground) * (100.0 / 255.0)
+        for bare in (0.05, 0.3):
+            value = bare + ((below[:3] / 255.0) ** 2 - bare) * (100.0 / 255.0)
             for mode, colour, opacity in zip(modes, colours, opacities, strict=True):
                 mixed = FORMULAS[mode](value, WHITE * linear_from_hex(colour))
                 value = value + (mixed - value) * opacity
             through = texel[4:7] if paint.filters else 1.0 - texel[3]
-            np.testing.assert_allclose(ground * through + texel[:3] ** 2 * texel[3], value, atol=0.006)
+            np.testing.assert_allclose(bare * through + texel[:3] ** 2 * texel[3], value, atol=0.006)
 
 
 def test_rasters_lie_between_layers_of_vectors():
@@ -425,16 +412,16 @@ def test_rasters_lie_between_layers_of_vectors():
         chosen = [layers[number] for number in order]
         vectors = {place: area for place, number in enumerate(order) if number != 1}
         drapes = FakeDrapes(chosen, vectors, {order.index(1): Picture(255, 255, 255, 255)})
-        texel = DrapedAppearance(drapes, context, EXTENT).tiles([KEY])[0, 90, 90] / 255.0
+        paint = Appearance(PaintedLand.bare(EXTENT, context)).with_drapes(drapes)
+        texel = paint.tiles([KEY])[0, 90, 90] / 255.0
         np.testing.assert_allclose(texel[:3] ** 2 * texel[3], expected, atol=0.005)
-    clear = FakeDrapes(layers[1:2], {}, {0: Picture(9, 9, 9, 0)})
-    below = Ground(180, 120, 60, 100)
-    assert np.array_equal(DrapedAppearance(clear, context, EXTENT, below).tiles([KEY]), below.tiles([KEY]))
+    clear, bare = FakeDrapes(layers[1:2], {}, {0: Picture(9, 9, 9, 0)}), Appearance(ground()[0])
+    assert np.array_equal(bare.with_drapes(clear).tiles([KEY]), bare.tiles([KEY]))
 
 
-def test_a_new_style_asks_for_no_feature_and_no_ground():
-    """Of colours, opacities, order, blending and visibility: what is listed and what lies below is kept."""
-    below = Ground(180, 120, 60, 100)
+def test_a_new_style_asks_for_no_feature():
+    """Of colours, opacities, order, blending and visibility: what is listed is kept."""
+    below, _ = ground()
     parts = {0: items_of((STROKE, 1, wiggle(1))), 1: items_of((STROKE, 1, wiggle(2)))}
     layers = [layer(0, width=9.0), layer(1, width=12.0, colour="#00ff00")]
     paint = painted(parts, layers=layers, below=below)
@@ -447,20 +434,19 @@ def test_a_new_style_asks_for_no_feature_and_no_ground():
         ([hidden, layers[1].replace(blend="multiply")], parts),
     ):
         drapes = FakeDrapes(other, own)
-        found = paint.updated(drapes, below).tiles([KEY])
+        found = paint.with_drapes(drapes, paint).tiles([KEY])
         assert drapes.asked == 0
-        assert below.asked == 1
-        fresh = painted(own, layers=other, below=Ground(180, 120, 60, 100)).tiles([KEY])
+        fresh = painted(own, layers=other, below=below).tiles([KEY])
         assert np.array_equal(found, fresh)
         assert found.shape != before.shape or not np.array_equal(found, before)
     wider = FakeDrapes([layers[0].replace(width=30.0), layers[1]], parts)
-    assert paint.updated(wider, below).tiles([KEY]).any()
+    assert paint.with_drapes(wider, paint).tiles([KEY]).any()
     assert wider.asked == 1
 
 
 def test_windows_are_tiles_with_a_pixel_a_texel():
     items = items_of(*rings(1, star(3, (700.0, 700.0), 250.0)), (STROKE, 2, wiggle(3)))
-    paint = painted(items, fill="#40c057", width=7.0, below=Ground(180, 120, 60, 100))
+    paint = painted(items, fill="#40c057", width=7.0, below=ground()[0])
     tiles = paint.tiles([KEY, (2, 2, 1)])[:, 1:-1, 1:-1]
     size = {"cell": (2.5, 2.5), "columns": 300, "rows": 100}
     found = paint.window(476.25, 948.75, **size)
@@ -473,12 +459,14 @@ def test_windows_are_tiles_with_a_pixel_a_texel():
 
 
 def test_changes_are_those_of_layers_and_of_the_ground():
-    below = Ground(1, 2, 3, 4)
+    below, _ = ground()
     paint = painted(items_of((STROKE, 1, wiggle(1))), width=10.0, unit="px", below=below)
-    assert paint.reach == pytest.approx(1.0 + 10.0 / TEXEL_PIXELS)
-    new = paint.updated(paint.drapes, Ground(1, 2, 3, 4))
-    assert new.changed_areas(paint).tolist() == [[0.0, 0.0, 1.0, 1.0]]
-    assert np.isinf(new.changed_areas(below)).all()
+    bare = Appearance(PaintedLand.bare(EXTENT, below.context))
+    assert paint.reach(bare) == pytest.approx(1.0 + 10.0 / TEXEL_PIXELS)
+    new = Appearance(bare.land).with_drapes(paint.layers.drapes, paint)
+    photo = below.recipe.orthophotos[0].box
+    assert new.changed_areas(paint).tolist() == [list(photo), [0.0, 0.0, 1.0, 1.0]]
+    assert np.isinf(new.changed_areas(bare)).all()
     assert not paint.is_empty
     assert paint.occupied([KEY]).all()
 

@@ -35,7 +35,7 @@ def distance(place, start, way):
 def test_constants_are_those_of_the_kernels():
     text = (SOURCES / "painting.h").read_text(encoding="utf-8")
     own = {name: float(value) for name, value in re.findall(r"#define (\w+) ([\d.]+)", text)}
-    for file, names in (("drape.cl", "SIDE DRAPE_BLOCK"), ("drape.clh", "MITRE_LIMIT PIECE_JOINS")):
+    for file, names in (("appearance.cl", "SIDE BLOCK"), ("drape.clh", "MITRE_LIMIT PIECE_JOINS")):
         assert kernel_constants(file, *names.split()) == tuple(own.pop(name) for name in names.split())
     (continues,) = kernel_constants("drape.clh", "PIECE_CONTINUES")
     assert own.pop("PIECE_CONTINUES") == continues

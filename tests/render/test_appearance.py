@@ -28,7 +28,8 @@ class Pattern:
     """Paint of 1 × 1 texel means: `share(x, y, texel)` and `root(x, y, texel)` are the share and √albedo."""
 
     extent = 1000.0
-    is_empty = False
+    is_empty = filters = False
+    layers, nbytes = None, 0
 
     def __init__(self, share, root=lambda x, y, texel: np.full(x.shape, np.sqrt(ALBEDO)), box=None):
         self.share, self.root, self.box, self.asked = share, root, box, []
@@ -44,6 +45,9 @@ class Pattern:
 
     def changed_areas(self, old):
         return np.zeros((0, 4))
+
+    def reach(self, old):
+        return 1.0
 
     def tiles(self, keys):
         self.asked += [tuple(key) for key in keys.tolist()]

@@ -20,7 +20,6 @@ from sketchterrain.look.texture_maker import (
     emboss,
     encode_level,
     halve,
-    linear_from_hex,
     mipmaps,
     moments,
     paint_layer,
@@ -36,7 +35,7 @@ from sketchterrain.render.textures import (
     texture_widths,
     tileable_noise,
 )
-from sketchterrain.schema.materials import BUILT_IN, Texture
+from sketchterrain.schema.materials import BUILT_IN, Texture, linear_from_hex
 from tests.devices import DEVICES, each_other_device, needs_device
 
 from .conftest import Waves

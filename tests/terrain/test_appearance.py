@@ -16,6 +16,7 @@ from sketchterrain.terrain.appearance import SIDE, Appearance
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.orthophotos import Orthophoto
+from sketchterrain.terrain.painted_land import PaintedLand
 from sketchterrain.terrain.painted_roads import painted_roads
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -43,7 +44,7 @@ def appearance(areas=(), roads=(), *, use="meadow", context=None, slope=(0.0, 0.
         assert cell_size > 0
         return np.asarray(slope[0] * x + slope[1] * y, np.float32)
 
-    return Appearance(recipe_of(landuse, roads), context or terrains.context(), heights)
+    return Appearance(PaintedLand(recipe_of(landuse, roads), context or terrains.context(), heights))
 
 
 def partition(count, seed, *, size=1000.0, at=(300.0, 400.0)):
@@ -323,7 +324,7 @@ def test_an_edit_gives_the_texels_of_a_new_appearance() -> None:
     turned = [roads[0], *crossing((90, 270, 30))[1:]]
     for new_areas, new_roads in ((moved, turned), (areas[:-3], crossing((0, 90, 180, 270)))):
         fresh = appearance(new_areas, new_roads, use="field")
-        edited = before.updated(fresh.recipe, before.heights)
+        edited = before.updated(fresh.land.recipe, before.land.heights)
         found = edited.tiles(keys)
         np.testing.assert_array_equal(found, fresh.tiles(keys))
         boxes = edited.changed_areas(before)
@@ -371,7 +372,7 @@ def test_photographs_lie_beneath_what_is_painted() -> None:
     pixels[:32, 64:] = (0, 0, 255, 255)  # the south-east is transparent
     photo = Orthophoto(pixels, (1000.0, 1000.0, 2280.0, 1640.0))
     paint = appearance(roads=[make_road([(900, 1320, 0), (2400, 1320, 0)], shoulder=0.0)])
-    paint = Appearance(replace(paint.recipe, orthophotos=(photo,)), paint.context, paint.heights)
+    paint = paint.updated(replace(paint.land.recipe, orthophotos=(photo,)), paint.land.heights)
     for texel in (5.0, 40.0):
         window = paint.window(
             900.0, 1700.0, cell=(texel, texel), columns=int(1500 / texel), rows=int(800 / texel)

@@ -68,8 +68,9 @@ def _write(table: FileTable, layer: DrapedLayer, projection: FileProjection, pat
     """Write the features of a file, those of a GeoPackage in batches."""
     edits = layer.edits
     kinds = {**table.fields, **_new_kinds(table.fields, edits.values())}
-    same = {edit.geometry.geom_type for edit in edits.values() if edit}
-    one_type = same <= {table.geometry_type.partition(" ")[0]}
+    of_table = table.geometry_type.partition(" ")[0]
+    types = {edit.geometry.geom_type for edit in edits.values() if edit}
+    one_type = types <= {of_table, of_table.removeprefix("Multi")}
     step = _BATCH if driver == "GPKG" else max(table.features, 1)
     for first in range(0, max(table.features, 1), step):
         wkb, values, _ = table.read(first, step, force_2d=False, datetime_as_string=False)
@@ -79,7 +80,7 @@ def _write(table: FileTable, layer: DrapedLayer, projection: FileProjection, pat
         edited = {at: edits[number] for at, number in enumerate(ids) if number in edits}
         wkb = np.append(wkb, np.full(len(ids) - len(wkb), None))
         for at, edit in edited.items():
-            wkb[at] = edit and _in_file(edit.geometry, wkb[at], projection)
+            wkb[at] = edit and _in_file(edit.geometry, wkb[at], projection, of_table)
         left = np.array([edited.get(at, True) is not None for at in range(len(ids))], bool)
         columns = {
             name: _column(values.get(name), name, kind, edited, len(ids)) for name, kind in kinds.items()
@@ -101,14 +102,17 @@ def _write(table: FileTable, layer: DrapedLayer, projection: FileProjection, pat
             raise SketchterrainError(f"{path.suffix[1:]}: cannot be written ({reason})") from None
 
 
-def _in_file(geometry: BaseGeometry, before: bytes | None, projection: FileProjection) -> bytes:
-    """Return a geometry in the file's coordinates, with the heights of the nearest vertices before."""
+def _in_file(geometry: BaseGeometry, before: bytes | None, projection: FileProjection, kind: str) -> bytes:
+    """Return a geometry in the file's coordinates, with the heights of the nearest vertices before.
+
+    It has several parts if it had, or if those of the table's kind have.
+    """
     shape = shapely.transform(geometry, projection.to_file)
     if not np.isfinite(shapely.get_coordinates(shape)).all():
         raise InputError(f"{projection.place}: expected edited features with a place in the file's CRS")
-    former = shapely.from_wkb(before)
-    if former is not None and former.geom_type == f"Multi{shape.geom_type}":
-        shape = type(former)([shape])
+    former, several = shapely.from_wkb(before), f"Multi{shape.geom_type}"
+    if several == kind or (former is not None and former.geom_type == several):
+        shape = getattr(shapely, several)([shape])
     old = shapely.get_coordinates(former, include_z=True)
     if len(old) and np.isfinite(old).all():
         heights = [old[np.argmin(np.hypot(*(old[:, :2] - at).T)), 2] for at in shapely.get_coordinates(shape)]

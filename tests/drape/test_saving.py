@@ -168,6 +168,18 @@ def test_other_tables_of_a_geopackage_and_heights_are_kept(tmp_path) -> None:
     assert opened(saved).table(0).feature(0).geometry.length == 20.0
 
 
+def test_tables_of_features_of_several_parts_stay_such(tmp_path) -> None:
+    several = [shapely.MultiPolygon([shapely.box(x, 4700000, x + 9, 4700009)]) for x in (500000, 500020)]
+    path = tmp_path / "map.gpkg"
+    options = {"driver": "GPKG", "geometry_type": "MultiPolygon", "crs": "EPSG:32631"}
+    pyogrio.raw.write(path, shapely.to_wkb(several), [np.arange(2)], ["number"], **options)
+    drapes = opened(draped_layer(path))
+    table = edits.delete_vertex(drapes.table(0), 0, 1).edited(add=[Feature.from_geometry(HOLED, {})])
+    saved = save_layer(drapes.updated([drapes.layers[0].replace(edits=table.edits)]), 0, path)
+    assert pyogrio.read_info(path)["geometry_type"] == "MultiPolygon"
+    assert [opened(saved).table(0).geometry(number).geom_type for number in range(3)] == ["MultiPolygon"] * 3
+
+
 def test_a_layer_that_cannot_be_saved_leaves_every_file_as_it_was(tmp_path) -> None:
     path = write(tmp_path / "map.gpkg", random_shapes(5))
     drapes = opened(draped_layer(path))

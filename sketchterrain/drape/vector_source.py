@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.features.levels import (
     Level,
     Parts,
+    Shapes2D,
     joined,
     level_of,
     parts_of,
@@ -38,9 +39,16 @@ class _EditedFeature:
     """Items of an edited feature at each level in use."""
 
     def __init__(self, number: int, edit: Feature | None) -> None:
-        self.geometry = edit and edit.geometry
-        self._split = split_shapes(np.array([self.geometry], object), np.array([number]))
+        self._number, self._edit = number, edit
         self._parts: dict[float, Parts] = {}
+
+    @cached_property
+    def geometry(self) -> BaseGeometry | None:
+        return self._edit and self._edit.geometry
+
+    @cached_property
+    def _split(self) -> Shapes2D:
+        return split_shapes(np.array([self.geometry], object), np.array([self._number]))
 
     def parts(self, tolerance: float) -> Parts:
         if tolerance not in self._parts:

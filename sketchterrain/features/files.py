@@ -372,10 +372,9 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
         what = _MULTI[int(kinds[np.isin(kinds, list(_MULTI))][0])]
         raise InputError(f"expected single {' or '.join(KINDS)} features, not features of several {what}")
     ids, labels = (_whole(columns.pop(key, None), key) for key in ("id", "label"))
-    corner = np.array([frame["east"], frame["north"]])
+    corner = frame["east"], frame["north"]
     with np.errstate(over="ignore"):  # checked by the layer
-        shapes = shapely.transform(shapes, lambda points: points - corner)
-        return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns)
+        return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns, corner=corner)
 
 
 def decode_table(data: bytes) -> tuple[str | None, Shapes, dict[str, Column]]:

@@ -555,8 +555,12 @@ class VectorLayer:
         ids: npt.ArrayLike | None = None,
         labels: npt.ArrayLike | None = None,
         columns: Mapping[str, Column] = MappingProxyType({}),
+        corner: tuple[float, float] = (0.0, 0.0),
     ) -> VectorLayer:
-        """Return a layer of shapely points, lines and polygons, (n,); ids and labels count from 1, are 1."""
+        """Return a layer of shapely points, lines and polygons, (n,), around the sketch's `corner` (m).
+
+        By default ids count from 1, and labels are 1.
+        """
         import shapely
 
         kinds = np.asarray(shapely.get_dimensions(shapes))
@@ -571,6 +575,7 @@ class VectorLayer:
         order = np.argsort(feature, kind="stable")
         rings, feature = np.concatenate([borders, shapes[others]])[order], feature[order]
         at, ring = shapely.get_coordinates(rings, return_index=True)
+        at -= corner
         at = on_grid(at) if (np.abs(at) <= MAX_COORDINATE).all() else at
         closed = kinds[feature] == AREA
         closing = np.append(ring[1:] != ring[:-1], True)[: len(ring)] & closed[ring]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from sketchterrain.document.drapes import CLASS, DRAPE, MAX_CLASSES, MAX_DRAPES, STYLE
+from sketchterrain.document.drapes import CLASS, DRAPE, MAX_CLASSES, MAX_DRAPES
 from sketchterrain.document.edits import ACTIONS
 from sketchterrain.document.material_rules import (
     DEFAULT_RULES,
@@ -25,6 +25,7 @@ from sketchterrain.document.sketch import TABLES
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.schema.parameters import FORMAT, LOOK, SKETCH, Parameter, Value, format_number
+from sketchterrain.schema.styles import STYLE
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -8,7 +8,7 @@ import numpy as np
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.roads.build import road_network
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Pad, Road, RoadNetwork, Wall, Works
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, LineObject, Pad, Road, RoadNetwork, Works
 from sketchterrain.schema.layers import id_of_vector
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.stages.runner import Runner
@@ -113,9 +113,14 @@ def make_network():
         ),
     )
     line = np.array([[590.0, 580.0], [690.0, 580.0], [690.0, 640.0]])
-    walls = (
-        Wall(id_of_vector("wall", 7), line, height=1.2, width=0.5, material="stone"),
-        Wall(id_of_vector("wall", 8), line + np.array([0.0, 60.0]), height=1.6, width=1.0, material="hedge"),
+    walls = tuple(
+        LineObject(
+            id_of_vector("wall", number),
+            "wall",
+            line + np.array([0.0, north]),
+            {"height": high, "width": wide, "material": of},
+        )
+        for number, north, high, wide, of in ((7, 0.0, 1.2, 0.5, "stone"), (8, 60.0, 1.6, 1.0, "hedge"))
     )
     return RoadNetwork(
         (straight_road(), *curved_road(), *tunnel(), path()),
@@ -182,7 +187,7 @@ def contents(network):
     """Return all values of a network, to compare bits."""
     return [
         [each.tobytes() if isinstance(each, np.ndarray) else each for each in vars(item).values()]
-        for item in (*network.roads, *network.pads, *network.walls)
+        for item in (*network.roads, *network.pads, *network.standing)
     ] + [network.findings]
 
 

@@ -282,8 +282,9 @@ def read_layers(texts: Sequence[str]) -> tuple[DrapedLayer, ...]:
 
     ``class=VALUE:key=value;key=value`` styles features whose property ``by`` has a value.
     """
-    from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, draped_layer
+    from sketchterrain.document.drapes import DRAPE, DrapeClass, draped_layer
     from sketchterrain.errors import InputError, one_line, prefix_errors
+    from sketchterrain.schema.styles import STYLE
 
     kinds = {name: parameter.kind for name, parameter in {**DRAPE, **STYLE}.items()}
 

@@ -20,7 +20,6 @@ from sketchterrain.features.table import Feature
 from sketchterrain.io.files import too_large, wrap_read_errors
 from sketchterrain.schema.parameters import (
     FRAME,
-    LOOK,
     Parameter,
     Properties,
     Sentinel,
@@ -30,6 +29,7 @@ from sketchterrain.schema.parameters import (
     defaults,
     parameter_table,
 )
+from sketchterrain.schema.styles import STYLE
 
 if TYPE_CHECKING:  # it takes a quarter of a second
     from shapely.geometry.base import BaseGeometry
@@ -41,39 +41,6 @@ MAX_CLASSES: Final = 256
 MAX_EDIT_BYTES: Final = 16 << 20
 """The most bytes of all edits of features in a sketch."""
 BLENDS: Final = ("normal", "multiply", "screen", "add")
-
-_COLOUR: Final = LOOK["colour"]
-
-STYLE: Final = parameter_table(
-    replace(_COLOUR, default="#e03131", help="colour of lines, outlines and points; empty draws none"),
-    replace(_COLOUR, name="fill", help="colour inside of areas; empty leaves them open"),
-    Parameter("fill_opacity", float, 0.5, 0.0, 1.0, "", "of the inside of areas"),
-    Parameter(
-        *("width", float, 2.0, 0.0, 10000.0, ""),
-        "of lines and outlines, diameter of points, in its unit",
-        soft_range=(0.0, 20.0),
-    ),
-    Parameter("unit", str, "px", 0, 2, "", "of width and dashes", choices=("m", "px")),
-    Parameter(
-        *("dash", str, "", 0, 80, ""),
-        "lengths of dashes and gaps in turn, as 6 3; empty is a solid line",
-        form=(r"\d+(\.\d+)?( \d+(\.\d+)?){1,7}", 'lengths as "6 3"'),
-    ),
-    Parameter("cap", str, "round", 0, 6, "", "ends of lines", choices=("butt", "round", "square")),
-    Parameter("join", str, "round", 0, 5, "", "corners of lines", choices=("bevel", "mitre", "round")),
-    Parameter("hatch", str, "none", 0, 5, "", "of the inside of areas", choices=("cross", "lines", "none")),
-    Parameter("hatch_angle", float, 45.0, -360.0, 360.0, "°", "of its lines, counterclockwise from east"),
-    Parameter(
-        *("hatch_spacing", float, 10.0, 0.1, 10000.0, ""),
-        "from one of its lines to the next, in the unit of width",
-        soft_range=(2.0, 50.0),
-    ),
-    Parameter("unlit", int, 0, 0, 1, "", "whether light and haze leave the colours, in painted tiles"),
-    Parameter("label", str, "", 0, 80, "", "property that labels features; empty labels none"),
-    Parameter("label_size", float, 13.0, 6.0, 72.0, "px", "height of labels", soft_range=(8.0, 32.0)),
-    replace(_COLOUR, name="label_colour", default="#202020", help="of labels; they have a pale outline"),
-)
-"""Keys of the style of a draped layer, and of its classes."""
 
 DRAPE: Final = parameter_table(
     RASTER["path"],

@@ -12,8 +12,9 @@ from typing import Final
 from sketchterrain.errors import InputError, format_value
 from sketchterrain.features.table import VectorLayer
 from sketchterrain.schema.layers import LAYERS
-from sketchterrain.schema.materials import BUILT_IN, MATERIALS, Colour, Material, MaterialTable
+from sketchterrain.schema.materials import BUILT_IN, MATERIALS, Material, MaterialTable
 from sketchterrain.schema.parameters import LOOK, Parameter, Properties, check_values, parameter_table
+from sketchterrain.schema.styles import rgb_from_hex
 
 MAX_MATERIALS: Final = 16
 """The most materials of a sketch, the program's included."""
@@ -80,12 +81,6 @@ def _own_material(name: str, values: Properties) -> Material:
         red, green, blue = (round(_PALE * 255 + (1 - _PALE) * part) for part in colour)
         material = replace(material, colour=colour, tint=(red, green, blue))
     return material
-
-
-def rgb_from_hex(colour: str) -> Colour:
-    """Return sRGB of a colour such as #e03131."""
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
 
 
 def with_materials(parameters: Mapping[str, Parameter], table: MaterialTable) -> Mapping[str, Parameter]:

@@ -242,6 +242,12 @@ class Sketch:
         own = vectors.columns.get(name, [""] * len(vectors))
         return [str(text) or of_labels[each] for text, each in zip(own, number, strict=True)]
 
+    def vector_property(self, layer: str, name: str) -> list[Any]:
+        """Return a value of each vector of a layer by its name, as `vector_values` does."""
+        if LAYERS[layer].parameters[name].kind is str:
+            return self.vector_texts(layer, name)
+        return list(self.vector_values(layer, name).tolist())
+
     def vector_widths(self, layer: str) -> Float64Array:
         """Return the width of each vector of a layer, (n,), m; of ways without one, by their lanes."""
         widths = self.vector_values(layer, "width")

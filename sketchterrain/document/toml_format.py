@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sketchterrain.document.drapes import CLASS, DRAPE, STYLE, DrapedLayer, parse_drape
+from sketchterrain.document.drapes import CLASS, DRAPE, DrapedLayer, parse_drape
 from sketchterrain.document.edits import ACTIONS, Edit, added_id, parse_edit
 from sketchterrain.document.label_layers import LabelImage, labels_in
 from sketchterrain.document.material_rules import FACTOR, RULE, RuleChange, parse_rule_change
@@ -21,6 +21,7 @@ from sketchterrain.errors import InputError, check_keys, check_tables, format_va
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.schema.parameters import FORMAT, LOOK, SKETCH, Parameter, Properties, Value, defaults
+from sketchterrain.schema.styles import STYLE
 
 _MAX_DOTS = 250
 _EXAMPLES = {"look": MATERIALS[0], "materials": "lava"}  # of a table's name

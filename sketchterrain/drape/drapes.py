@@ -64,6 +64,14 @@ class LayerStyle:
         return self.width(texel) * (_MITRE if self.style["join"] == "mitre" else 1.0)
 
     @property
+    def of_casing(self) -> LayerStyle:
+        """The style of what is drawn beneath all lines of a layer: wider ones, if it has a casing."""
+        style = {**self.style, "colour": self.style["casing"], "fill": "", "dash": ""}
+        wider = style["width"] + 2.0 * style["casing_width"]
+        style["width"] = wider if style["casing"] and style["width"] > 0.0 else 0.0
+        return replace(self, style=style)
+
+    @property
     def dashes(self) -> Float64Array:
         """Lengths of dashes and gaps in turn, an even number, in the unit of its width; empty if solid."""
         lengths = np.array([float(each) for each in self.style["dash"].split()])
@@ -136,16 +144,17 @@ class Drapes:
 
     @cached_property
     def styles(self) -> tuple[LayerStyle, ...]:
-        """Styles by layer: that of features without a class, then those of its classes."""
-        return tuple(
-            LayerStyle(number, layer.style_of(each), layer["opacity"], layer["blend"])
-            for number, layer in enumerate(self.layers)
-            for each in range(-1, len(layer.classes))
-        )
+        """Styles by layer: that of features without a class, those of its classes, then those of casings."""
+        styles = list[LayerStyle]()
+        for number, layer in enumerate(self.layers):
+            rows = map(layer.style_of, range(-1, len(layer.classes)))
+            own = [LayerStyle(number, each, layer["opacity"], layer["blend"]) for each in rows]
+            styles += [*own, *(each.of_casing for each in own)]
+        return tuple(styles)
 
     @cached_property
     def _first_style(self) -> list[int]:
-        return list(accumulate((1 + len(layer.classes) for layer in self.layers), initial=0))
+        return list(accumulate((2 + 2 * len(layer.classes) for layer in self.layers), initial=0))
 
     @cached_property
     def _widths(self) -> Float64Array:
@@ -238,16 +247,19 @@ class Drapes:
         styles, shown = self._styles_of(number), self._shown[self._first_style[number] :]
         reach = np.array([each.reach(texel) for each in styles])
         found = []
+        half = len(styles) // 2
         for level, which in levels:
             items = level.items[which]
             row = 1 + source.classes(items["feature"], self.layers[number], self.memory)
+            if shown[half : 2 * half].any():
+                items, row = np.concatenate([items, items]), np.append(row + half, row)
             keep = shown[row, items["kind"]]
             if box is not None:
                 keep &= _near(items["box"], box, reach[row])
             if self.held is not None and self.held[0] == number:
                 keep &= items["feature"] != self.held[1]
             items, row = items[keep], row[keep]
-            order = np.lexsort((_ORDER[items["kind"]], items["feature"]))
+            order = np.lexsort((_ORDER[items["kind"]], items["feature"], row < half))
             items = items[order]
             found.append(
                 Items(
@@ -264,7 +276,8 @@ class Drapes:
         joined = Items.joined(found)
         if len(found) == 1 or not len(found[1].feature):
             return joined
-        return joined.taken(np.lexsort((_ORDER[joined.kind], joined.feature)))
+        is_line = joined.style < self._first_style[number] + half
+        return joined.taken(np.lexsort((_ORDER[joined.kind], joined.feature, is_line)))
 
     def rasters(self, texel: float) -> list[tuple[int, DrapedRaster]]:
         """Return the visible rasters, the lowest first, with the numbers of their layers."""
@@ -348,17 +361,21 @@ class Drapes:
                     break
             elif source is not None:
                 gaps = self._gaps(number, source, x, y, texel)
-                drawn += [Pick(number, each) for each in sorted(gaps, reverse=True) if gaps[each] <= 0.0]
+                bodies = sorted(((np.isneginf(gaps[each]), each) for each in gaps), reverse=True)
+                drawn += [Pick(number, each) for _, each in bodies if gaps[each] <= 0.0]
                 near |= {(number, each): gap for each, gap in gaps.items() if 0.0 < gap <= PICK * texel}
         return drawn + [Pick(*key, near[key]) for key in sorted(near, key=near.__getitem__)]
 
     def _gaps(self, number: int, source: VectorSource, x: float, y: float, texel: float) -> dict[int, float]:
-        """Return how far (m) a place is from features near it as they are drawn, at most 0 on them."""
+        """Return how far (m) a place is from features near it as they are drawn.
+
+        It is at most 0 on casings, which are beneath all else of the layer, and -inf on the rest.
+        """
         found, turns = dict[int, float](), Counter[int]()
         own = slice(*self._first_style[number : number + 2])
-        half = 0.5 * np.maximum(self._widths[own] @ (1.0, texel), texel)
-        shown = self._shown[own]
-        for level, which in source.query(_grown((x, y, x, y), float(half.max()) + PICK * texel), texel):
+        half, cased = np.split(0.5 * np.maximum(self._widths[own] @ (1.0, texel), texel), 2)
+        cased, shown = np.maximum(half, cased), self._shown[own]
+        for level, which in source.query(_grown((x, y, x, y), float(cased.max()) + PICK * texel), texel):
             items = level.items[which]
             row = 1 + source.classes(items["feature"], self.layers[number], self.memory)
             keep = shown[row, items["kind"]]
@@ -366,13 +383,14 @@ class Drapes:
             if not len(items):
                 continue
             distance, turned = _around(items["count"], level.vertices(items) - (x, y))
-            gap, feature = distance - half[row], items["feature"].tolist()
+            gap = np.where(distance <= half[row], -np.inf, distance - cased[row])
+            feature = items["feature"].tolist()
             for each, is_area, near, turn in zip(
                 feature, (items["kind"] == FILL).tolist(), gap.tolist(), turned.tolist(), strict=True
             ):
                 found[each] = min(found.get(each, np.inf), np.inf if is_area else near)
                 turns[each] += turn if is_area else 0
-        return found | {each: 0.0 for each, turn in turns.items() if turn}
+        return found | {each: -np.inf for each, turn in turns.items() if turn}
 
     def pick(self, x: float, y: float, texel: float) -> Pick | None:
         """Return the first of `picks`."""

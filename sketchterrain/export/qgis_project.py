@@ -15,6 +15,8 @@ from sketchterrain.array_types import Bounds
 from sketchterrain.export.target import SceneView
 from sketchterrain.io.files import write_atomic
 from sketchterrain.schema.materials import Colour
+from sketchterrain.schema.parameters import Properties
+from sketchterrain.schema.styles import PIXEL, rgb_from_hex
 
 BLENDS: Final = {"normal": 0, "screen": 2, "add": 4, "multiply": 6}
 """QGIS's numbers of modes in which colours mix with those below."""
@@ -23,6 +25,16 @@ VIEW: Final = "3-D view"
 """Name of the 3-D view and of its theme."""
 
 _GEOMETRY: Final = {"marker": "Point", "line": "Line", "fill": "Polygon"}
+
+
+class Rule(NamedTuple):
+    """The style of features of a layer that meet a condition, if any."""
+
+    title: str
+    style: Properties
+    expression: str = ""  # as QGIS reads it
+    filter: str = ""  # as an OGC filter
+    is_wide: bool = False  # whether lines are as wide as they are on the ground, if their style is narrower
 
 
 class MapLayer(NamedTuple):
@@ -36,6 +48,7 @@ class MapLayer(NamedTuple):
     blend: str = "normal"
     opacity: float = 1.0  # of vectors
     scales: tuple[float, float] = ANY_SCALE  # denominators of the largest and smallest scale that show it
+    rules: tuple[Rule, ...] = ()  # of vectors whose style follows from them
 
     @property
     def id(self) -> str:
@@ -113,9 +126,47 @@ def marker(colour: Colour, diameter: float = 0.0, *, metres: str = "", unit: str
     return symbol("marker", drawing("SimpleMarker", values | units, metres=metres))
 
 
+def styled(kind: str, style: Properties, *, on_paper: bool = False, wide: bool = False) -> str:
+    """Return the symbol of a style for points (``marker``), lines or areas (``fill``).
+
+    Pixels are those of a screen, or of a map `on_paper`; `wide` lines with a casing are as wide as their
+    feature's property ``width`` or their style.
+    """
+    unit, scale = ("MM", PIXEL) if on_paper else ({"m": "MapUnit", "px": "Pixel"}[style["unit"]], 1.0)
+    colour, width, edge = style["colour"], scale * style["width"], 2.0 * scale * style["casing_width"]
+    if kind == "marker":
+        return marker(rgb_from_hex(colour or style["fill"] or "#808080"), width, unit=unit)
+    ends = {"butt": "flat", "mitre": "miter"}
+    shape: dict[str, Any] = {f"{key}style": ends.get(style[key], style[key]) for key in ("cap", "join")}
+    dash = ";".join(f"{scale * float(each):g}" for each in style["dash"].split())
+    metres = f'max("width", {width / 1000.0} * @map_scale)' if wide and style["casing"] else ""
+    pens = list[str]()
+    if style["casing"]:
+        outer = metres and f"{metres} + {edge / 1000.0} * @map_scale"
+        pens.append(line(rgb_from_hex(style["casing"]), width + edge, metres=outer, unit=unit))
+    shape |= {"dash": dash, "line_style": "solid" if colour else "no", "order": len(pens)}
+    pens.append(line(rgb_from_hex(colour or "#000000"), width, metres=metres, unit=unit, **shape))
+    if kind == "line" or not style["fill"]:
+        return symbol(kind, *pens)
+    inside, opacity = rgb_from_hex(style["fill"]), style["fill_opacity"]
+    if style["hatch"] == "none":
+        return fill(inside, opacity, *pens)
+    stroke = symbol("line", line(inside, width, unit=unit), opacity=opacity)
+    gap = {"distance": scale * style["hatch_spacing"], "distance_unit": unit}
+    turns = (0.0,) if style["hatch"] == "lines" else (0.0, 90.0)
+    hatches = ({"angle": style["hatch_angle"] + turn} | gap for turn in turns)
+    return symbol("fill", *(drawing("LinePatternFill", each, stroke) for each in hatches), *pens)
+
+
+def ruled(kind: str, rules: Iterable[Rule]) -> str:
+    """Return a renderer of classes on paper."""
+    symbols = ((each, styled(kind, each.style, on_paper=True, wide=each.is_wide)) for each in rules)
+    return classes((each.expression, each.title, symbol) for each, symbol in symbols)
+
+
 def single(each: str) -> str:
-    """Return a renderer that draws all features alike."""
-    return f'<renderer-v2 type="singleSymbol"><symbols>{each}</symbols></renderer-v2>'
+    """Return a renderer that draws all features alike, one drawing of all of them after the other."""
+    return f'<renderer-v2 type="singleSymbol" symbollevels="1"><symbols>{each}</symbols></renderer-v2>'
 
 
 def classes(entries: Iterable[tuple[str, str, str]], by: str = "") -> str:

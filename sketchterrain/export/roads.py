@@ -20,7 +20,7 @@ from sketchterrain.export.target import Export
 from sketchterrain.export.vectors import ExportLayer, Origin, id_texts
 from sketchterrain.roads.road_shapes import AxisPoints, axis_points, grades
 from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Road, RoadNetwork
-from sketchterrain.schema.layers import LAYERS, WAY_LAYERS
+from sketchterrain.schema.layers import LAYERS, STANDING_LAYERS, WAY_LAYERS
 
 TOLERANCE: Final = 0.05
 """Largest deviation (m) of exported lines from the arcs and vertical curves of roads."""
@@ -34,8 +34,8 @@ MASKS: Final = {
 
 
 def road_layers(network: RoadNetwork, origin: Origin) -> list[ExportLayer]:
-    """Return the layers that are not empty: axes of each kind, edges, bridge decks, tunnels, pads, walls."""
-    roads, pads, walls = network.roads, network.pads, network.walls
+    """Return the layers that are not empty: axes of each kind, edges, bridges, tunnels, pads, walls."""
+    roads, pads = network.roads, network.pads
     points = [axis_points(road, TOLERANCE) for road in roads]
     fields = _columns(roads, **_ROAD_FIELDS)
     kinds, structures = (np.array([getattr(road, name) for road in roads]) for name in ("layer", "structure"))
@@ -47,20 +47,23 @@ def road_layers(network: RoadNetwork, origin: Origin) -> list[ExportLayer]:
     edges = moved(shapely.linestrings, (at.beside(side * at.half_width) for at in points for side in (1, -1)))
     decks = moved(shapely.polygons, (strip_outline(at, at.half_width + at.shoulder) for at in points))
     areas = moved(shapely.polygons, (np.insert(pad.outline, 2, pad.level, axis=1) for pad in pads))
-    lines = moved(shapely.linestrings, (wall.line for wall in walls))
 
     def chosen(name: str, kind: str, shapes: npt.NDArray[np.object_], own: BoolArray) -> ExportLayer:
         return ExportLayer(name, kind, shapes[own], {key: values[own] for key, values in fields.items()})
 
     sides = {"id": np.repeat(fields["id"], 2), "side": np.array(["left", "right"] * len(roads), object)}
-    layers = (
+    layers = [
         *(chosen(LAYERS[way].title.lower(), "LineString Z", axes, kinds == way) for way in WAY_LAYERS),
         ExportLayer("road_edges", "LineString Z", edges, sides),
         chosen("bridge_decks", "Polygon Z", decks, structures == BRIDGE),
         chosen("tunnels", "LineString Z", axes, structures == TUNNEL),
         ExportLayer("pads", "Polygon Z", areas, _columns(pads, **_PAD_FIELDS)),
-        ExportLayer("walls", "LineString", lines, _columns(walls, **_WALL_FIELDS)),
-    )
+    ]
+    for name in STANDING_LAYERS:
+        lines = [each for each in network.standing if each.layer == name]
+        shapes = moved(shapely.linestrings, (each.line for each in lines))
+        getters = {key: lambda each, key=key: each.values[key] for key in LAYERS[name].parameters}
+        layers.append(ExportLayer(f"{name}s", "LineString", shapes, _columns(lines, **getters)))
     return [layer for layer in layers if len(layer.geometry)]
 
 
@@ -79,7 +82,6 @@ _ROAD_FIELDS: Final[dict[str, Callable[[Road], Any]]] = {
     "trees": lambda road: road.trees,
 }
 _PAD_FIELDS: Final = {name: attrgetter(name) for name in ("level", "building")}
-_WALL_FIELDS: Final = {name: attrgetter(name) for name in ("height", "width", "material")}
 
 
 def _columns(items: Sequence[Any], **fields: Callable[[Any], Any]) -> dict[str, npt.NDArray[Any]]:

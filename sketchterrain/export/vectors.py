@@ -33,7 +33,7 @@ from sketchterrain.landforms.placement.feature_types import (
     has_parameter,
     style_of,
 )
-from sketchterrain.roads.road_types import STRUCTURES, Pad, Road, Wall
+from sketchterrain.roads.road_types import STRUCTURES, LineObject, Pad, Road
 from sketchterrain.schema.layers import LAND_USES, layer_of
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
@@ -49,16 +49,16 @@ def write_features(
 ) -> tuple[Path, ...]:
     """Write ``features.json``: point features by id, rivers as splines, lakes, roads, pads, walls, the sea.
 
-    Ids are 64-bit unsigned integers, lengths metres, angles degrees. Roads, pads, walls and `areas`, the
-    entries of land use, are left out if there are none.
+    Ids are 64-bit unsigned integers, lengths metres, angles degrees. Roads, pads, what stands along lines
+    and `areas`, the entries of land use, are left out if there are none.
     """
     lists: dict[str, Iterable[dict[str, Any]]] = {
         "features": map(_point_entry, features.points),
         "splines": map(_river_entry, features.rivers),
         "lakes": map(_lake_entry, features.lakes),
     }
-    for name in ("roads", "pads", "walls"):
-        if built := getattr(features.network, name):
+    for name, built in features.network.lists.items():
+        if built:
             lists[name] = map(_built_entry, built)
     if entries := list(areas):
         lists["landuse"] = entries
@@ -113,9 +113,11 @@ def _lake_entry(lake: Lake) -> dict[str, Any]:
     }
 
 
-def _built_entry(built: Road | Pad | Wall) -> dict[str, Any]:
+def _built_entry(built: Road | Pad | LineObject) -> dict[str, Any]:
     """Return all values, those of its earthworks among them."""
-    values = vars(built) if isinstance(built, Wall) else vars(built) | built.works._asdict()
+    if isinstance(built, LineObject):
+        return {"id": built.id, "line": built.line.tolist(), **built.values}
+    values = vars(built) | built.works._asdict()
     if isinstance(built, Road):
         values |= {"leg": str(built.leg), "structure": STRUCTURES[built.structure]}
     arrays = {name: value.tolist() for name, value in values.items() if isinstance(value, np.ndarray)}

@@ -209,7 +209,9 @@ def _rules(*keys: str) -> dict[str, _Rule]:
     }
 
 
-_WATERWAY, _GROUND, _WAYS, _BUILDINGS = map(_rules, ("waterway", "natural", "highway", "building"))
+_VECTOR_TAGS = [rule for layer in LAYERS.values() if not layer.is_painted for rule in layer.tags]
+BUILT_KEYS: Final = tuple(dict.fromkeys(rule.key for rule in _VECTOR_TAGS if rule.key != "natural"))
+_WATERWAY, _GROUND, _BUILDINGS = map(_rules, ("waterway", "natural", "building"))
 # Lines of OpenStreetMap's waterways run downstream.
 _DIRECTED: dict[str, _Rule] = {
     value: rule._replace(properties={**rule.properties, "directed": 1}) for value, rule in _WATERWAY.items()
@@ -221,15 +223,11 @@ _KEYS: dict[str, dict[str, _Rule]] = {
     "water": _rules("water"),
     "natural": _GROUND,
     "landuse": _GROUND,
-    "highway": _WAYS,
-    "railway": _rules("railway"),
-    "building": _BUILDINGS,
-    "barrier": _rules("barrier"),
+    **{key: _rules(key) for key in BUILT_KEYS},
     "fclass": {"building": _BUILDINGS["yes"]} | _GROUND | _rules("highway", "railway") | _DIRECTED,
     "featurecla": _GROUND | _WATERWAY,
     "type": {layer: _Rule(layer, {}) for layer in LAYERS},
 }
-BUILT_KEYS: Final = ("highway", "railway", "building", "barrier")
 OSM_KEYS: Final = ("waterway", "water", "natural", "landuse", *BUILT_KEYS)
 """OpenStreetMap's keys whose values may assign a feature to a layer; those of what is built no point."""
 _NOT_BUILT = re.compile(

@@ -55,7 +55,7 @@ from sketchterrain.schema.parameters import Properties, Value
 
 _SIZE = 512  # px
 _MARGIN = 0.5  # of the bounds' size, around them: wide lines there extend into them
-_NO_AREAS = ("summits", "course", "way", "barrier")  # kinds of layers whose closed lines are no areas
+_NO_AREAS = ("summits", "course", "way", "standing")  # kinds of layers whose closed lines are no areas
 _JOINED = ("course", "way")  # kinds of layers whose lines are networks
 _BORDER = 100.0  # m around a sketch, where its vectors end
 _ON_ELEVATION = ("forest", "material")  # layers that are painted on real elevation: others change its heights
@@ -292,8 +292,8 @@ def _shape(
     takes = LAYERS[label.layer].vectors
     if shapely.get_dimensions(shape) == AREA and not shape.is_empty:
         if takes and "area" not in takes:
-            is_wall = LAYERS[label.layer].kind == "barrier"
-            return (shapely.LineString(shape.exterior.coords) if is_wall else "that are areas of lines"), None
+            is_open = LAYERS[label.layer].kind == "standing"
+            return (shapely.LineString(shape.exterior.coords) if is_open else "that are areas of lines"), None
         return shape, None
     if shape.geom_type == "Point":
         if not LAYERS[label.layer].is_points:

@@ -110,7 +110,7 @@ def report_header(terrain: Terrain) -> dict[str, Any]:
         "rasters": [source.values | {"found": not raster_problem(source)} for source in sketch.rasters],
         **({} if base is None else {"base": base.facts}),
         "resolutions": [resolution.line for resolution in recipe.resolutions],
-        **({"roads": road_facts(network, sketch)} if network.roads or network.pads or network.walls else {}),
+        **({"roads": road_facts(network, sketch)} if any(network.lists.values()) else {}),
         **({"landuse": land_facts(sketch)} if len(sketch.vectors["landuse"]) else {}),
         "edits": {"count": len(sketch.edits), "orphans": list(recipe.orphans)},
     }

@@ -1,17 +1,17 @@
-"""Meshes of built things: their materials, swept and extruded shapes, houses, walls and hedges."""
+"""Meshes of built things: their materials, swept and extruded shapes, houses, what stands along lines."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, FloatArray
-from sketchterrain.roads.road_types import Pad, Wall
+from sketchterrain.roads.road_types import LineObject, Pad
 from sketchterrain.schema.layers import feature_name
 
 
@@ -302,19 +302,19 @@ def _upright(middle: Float64Array, half: Float64Array, low: FloatArray, high: Fl
     return quads
 
 
-def wall(given: Wall) -> BuiltObject:
-    """Return a wall or hedge along its line on the ground."""
-    is_hedge = given.material == "hedge"
-    line = _densified(given.line, _HEDGE_STEP if is_hedge else _WALL_STEP)
-    key = (given.id, given.line.tobytes(), given.height, given.width, given.material)
-    return BuiltObject(feature_name(given.id), key, line, partial(_wall_parts, given, line))
+def standing(given: LineObject) -> BuiltObject:
+    """Return what stands along a line on the ground, as its layer says."""
+    step, parts = STANDING[given.layer]
+    line = _densified(given.line, step(given.values))
+    key = (given.id, given.line.tobytes(), *given.values.items())
+    return BuiltObject(feature_name(given.id), key, line, partial(parts, given, line))
 
 
-def _wall_parts(given: Wall, line: Float64Array, ground: Float64Array) -> list[BuiltPart]:
+def _wall_parts(given: LineObject, line: Float64Array, ground: Float64Array) -> list[BuiltPart]:
     ahead = np.gradient(line, axis=0)
     left = np.column_stack([-ahead[:, 1], ahead[:, 0]]) / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-    half, height = 0.5 * given.width, given.height
-    if given.material == "hedge":
+    half, height, material = 0.5 * given.values["width"], given.values["height"], given.values["material"]
+    if material == "hedge":
         section = [
             (1.0, -0.3),
             (1.1, 0.3),
@@ -341,7 +341,16 @@ def _wall_parts(given: Wall, line: Float64Array, ground: Float64Array) -> list[B
     for k in range(len(section) // 2 - 1):
         ends.append([lines[i][0] for i in (k, last - k, last - k - 1, k + 1)])
         ends.append([lines[i][-1] for i in (last - k, k, k + 1, last - k - 1)])
-    return [swept(given.material, lines, along), flat_quads(given.material, ends)]
+    return [swept(material, lines, along), flat_quads(material, ends)]
+
+
+STANDING: Final[dict[str, tuple[Callable[[Mapping[str, Any]], float], Callable[..., list[BuiltPart]]]]] = {
+    "wall": (
+        lambda values: _HEDGE_STEP if values["material"] == "hedge" else _WALL_STEP,
+        _wall_parts,
+    ),
+}
+"""What stands along lines, by layer: the distance (m) of its cross-sections, and its parts on ground."""
 
 
 def _densified(line: Float64Array, step: float) -> Float64Array:

@@ -18,8 +18,8 @@ from sketchterrain.look.built_meshes import (
     house,
     prism_quads,
     rectangle,
+    standing,
     swept,
-    wall,
 )
 from sketchterrain.roads.road_shapes import AxisPoints, axis_points
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork
@@ -49,13 +49,13 @@ _BEFORE: Final = 1.0  # m that a portal stands before the tunnel's end
 
 
 def built_objects(network: RoadNetwork, rivers: Sequence[River] = ()) -> list[BuiltObject]:
-    """Return bridges, tunnels, houses, walls and hedges."""
+    """Return bridges, tunnels, houses, walls and the like."""
     bridges = [road for road in network.roads if road.structure == BRIDGE]
     return [
         *_bridges(bridges, [each for each in network.roads if each.structure == GROUND], rivers),
         *(_tunnel(road) for road in network.roads if road.structure == TUNNEL),
         *(house(pad) for pad in network.pads if pad.building > 0.0 and len(pad.outline) > 2),
-        *(wall(each) for each in network.walls if len(each.line) > 1),
+        *(standing(each) for each in network.standing if len(each.line) > 1),
     ]
 
 

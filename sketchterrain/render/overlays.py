@@ -117,7 +117,7 @@ def feature_lines(terrain: TerrainSource, heights: HeightCache | None = None) ->
 
 
 def _built(terrain: TerrainSource) -> list[npt.NDArray[np.void]]:
-    """Return the lines of the axes of roads, the outlines of pads, and walls."""
+    """Return the lines of the axes of roads, the outlines of pads, and what stands along lines."""
     network = terrain.features.network
     lines = [(each.layer, axis_points(each, _AXIS_TOLERANCE).position) for each in network.roads]
     lines += [
@@ -125,8 +125,8 @@ def _built(terrain: TerrainSource) -> list[npt.NDArray[np.void]]:
         for each in network.pads
     ]
     lines += [
-        ("wall", np.column_stack([each.line, terrain.heights(*each.line.T).astype(np.float64)]))
-        for each in network.walls
+        (each.layer, np.column_stack([each.line, terrain.heights(*each.line.T).astype(np.float64)]))
+        for each in network.standing
     ]
     above = np.array([0.0, 0.0, _AXIS_LIFT])
     return [_lines_of(line[:-1] + above, line[1:] + above, FEATURE_COLOURS[name]) for name, line in lines]

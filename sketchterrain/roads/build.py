@@ -1,8 +1,8 @@
-"""Roads, pads and walls of a sketch on the ground that is there without them."""
+"""Roads, pads and what stands along lines of a sketch, on the ground that is there without them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -16,9 +16,9 @@ from sketchterrain.landforms.hydrology.vector_rivers import line_path
 from sketchterrain.roads.alignment import Alignment, align
 from sketchterrain.roads.network import WayGraph, way_graph
 from sketchterrain.roads.profile import StationGraph, station_graph, united_reach
-from sketchterrain.roads.road_types import Pad, Road, RoadNetwork, Wall, Works
+from sketchterrain.roads.road_types import LineObject, Pad, Road, RoadNetwork, Works
 from sketchterrain.roads.structures import FREEBOARD, bends_told, carry
-from sketchterrain.schema.layers import WAY_LAYERS, id_of_vector
+from sketchterrain.schema.layers import LAYERS, STANDING_LAYERS, WAY_LAYERS, id_of_vector
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Runner
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Heights = Callable[[Float64Array, Float64Array], Float64Array]
 """Heights (m) at positions x and y (n,), m."""
 
-ROAD_LAYERS: Final = (*WAY_LAYERS, "pad", "wall")
+ROAD_LAYERS: Final = (*WAY_LAYERS, "pad", *STANDING_LAYERS)
 CROWN: Final = 0.025
 """Slope of a straight carriageway from its axis to its edges, of ways that have superelevation."""
 _GROUND_STEP = 8.0  # m between samples of the ground along a way
@@ -40,7 +40,7 @@ _PAD_SAMPLES = 24  # along a pad's longer side
 
 
 def road_network(sketch: Sketch, ground: Heights, water: Heights, run: Runner) -> RoadNetwork:
-    """Return the roads, pads and walls of a sketch.
+    """Return the roads, pads and what stands along lines of a sketch.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def road_network(sketch: Sketch, ground: Heights, water: Heights, run: Runner) -
         ways = run(_plan, part_of(sketch, *names), hashed=False)
         if ways is not None:
             roads, findings = run(_roads, ways, ground, water)
-    return RoadNetwork(roads, _pads(sketch, ground, water, run), _walls(sketch), findings)
+    return RoadNetwork(roads, _pads(sketch, ground, water, run), tuple(_standing(sketch)), findings)
 
 
 def _ground_at(places: Sequence[Float64Array], ground: Heights, water: Heights) -> list[Float64Array]:
@@ -284,18 +284,12 @@ def _inside(ring: Float64Array) -> Float64Array:
     return np.concatenate([ring, np.stack([x.ravel(), y.ravel()], axis=1)[inside]])
 
 
-def _walls(sketch: Sketch) -> tuple[Wall, ...]:
-    layer = sketch.vectors["wall"]
-    height, width = (sketch.vector_values("wall", name) for name in ("height", "width"))
-    material = sketch.vector_texts("wall", "material")
-    numbers: Int64Array = np.flatnonzero(layer.kinds == LINE)
-    return tuple(
-        Wall(
-            id_of_vector("wall", int(layer.ids[index])),
-            line_path(layer, index),
-            float(height[index]),
-            float(width[index]),
-            material[index],
-        )
-        for index in numbers.tolist()
-    )
+def _standing(sketch: Sketch) -> Iterator[LineObject]:
+    """Yield what stands along the lines of all layers of that kind."""
+    for name in STANDING_LAYERS:
+        layer = sketch.vectors[name]
+        columns = {each: sketch.vector_property(name, each) for each in LAYERS[name].parameters}
+        for index in np.flatnonzero(layer.kinds == LINE).tolist():
+            values = {each: column[index] for each, column in columns.items()}
+            number = id_of_vector(name, int(layer.ids[index]))
+            yield LineObject(number, name, line_path(layer, index), values)

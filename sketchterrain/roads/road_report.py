@@ -22,8 +22,7 @@ def road_facts(network: RoadNetwork, sketch: Sketch) -> dict[str, Any]:
         "lengths": {name: round(sum(_length(road) for road in roads), 1) for name, roads in own.items()},
         "bridges": _connected(network, BRIDGE),
         "tunnels": _connected(network, TUNNEL),
-        "pads": len(network.pads),
-        "walls": len(network.walls),
+        **{name: len(built) for name, built in network.lists.items() if name != "roads"},
         "steepest": {name: _steepest(roads, sketch) for name, roads in own.items()},
         "findings": list(network.findings),
     }

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.schema.layers import STANDING_LAYERS
 
 GROUND, BRIDGE, TUNNEL = range(3)
 STRUCTURES: Final = ("ground", "bridge", "tunnel")
@@ -73,24 +75,30 @@ class Pad:
 
 
 @dataclass(frozen=True, eq=False)
-class Wall:
-    """A wall or hedge on the ground."""
+class LineObject:
+    """What stands along a line on the ground: a wall, a hedge, a power line."""
 
     id: int
+    layer: str
     line: Float64Array  # (n, 2) m
-    height: float  # m
-    width: float  # m
-    material: str  # stone or hedge
+    values: Mapping[str, Any]  # by the names of the layer's parameters
 
 
 @dataclass(frozen=True, eq=False)
 class RoadNetwork:
-    """All that roads, railways, paths, pads and walls are, and findings about them in words."""
+    """All that roads, pads and what stands along lines are, and findings about them in words."""
 
     roads: tuple[Road, ...] = ()
     pads: tuple[Pad, ...] = ()
-    walls: tuple[Wall, ...] = ()
+    standing: tuple[LineObject, ...] = ()
     findings: tuple[str, ...] = ()
+
+    @property
+    def lists(self) -> dict[str, Sequence[Road | Pad | LineObject]]:
+        """All of it by names of lists, as in features.json."""
+        names = {each: f"{each}s" for each in STANDING_LAYERS}
+        standing = {of: [each for each in self.standing if each.layer == name] for name, of in names.items()}
+        return {"roads": self.roads, "pads": self.pads, **standing}
 
 
 NO_ROADS: Final = RoadNetwork()

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 from sketchterrain.schema.materials import BUILT_IN, MATERIALS, Colour
 from sketchterrain.schema.parameters import Parameter, Sentinel, Value, parameter_table
+from sketchterrain.schema.styles import StyleClass, style_class
 
 
 class TagRule(NamedTuple):
@@ -15,7 +16,7 @@ class TagRule(NamedTuple):
     Keys with the same values follow: ``landuse`` those of ``natural``, ``fclass`` and ``featurecla`` both.
     """
 
-    key: Literal["waterway", "water", "natural", "highway", "railway", "building", "barrier"]
+    key: str
     values: str  # separated by spaces
     properties: Mapping[str, Value] = MappingProxyType({})
 
@@ -27,24 +28,26 @@ class Layer:
     Shapes become, by `kind`: ``summits``, point features that rise; ``patches``, point features that cover
     an area together; ``landform``, ``sea`` and ``water``, a field of distances from the border; ``course``,
     the lines of a river network; ``cover``, a material on top of the others. Vectors alone become ``way``, a
-    road, railway or path; ``pad``, a level building ground; ``barrier``, a wall or hedge; ``land``, an area
-    of one use.
+    road, railway or path; ``pad``, a level building ground; ``standing``, things along lines that leave the
+    ground as it is; ``land``, an area of one use.
     """
 
     name: str  # key in the sketch file; the image is ``name.png`` if it is painted
     title: str
     code: int  # in the ids and hashes of its features; never renumber: every terrain would change
     kind: Literal[
-        "summits", "patches", "landform", "sea", "water", "course", "cover", "way", "pad", "barrier", "land"
+        "summits", "patches", "landform", "sea", "water", "course", "cover", "way", "pad", "standing", "land"
     ]
     help: str
     parameters: Mapping[str, Parameter] = field(hash=False)  # of each label, by name; the main one is first
     colour: Colour  # of label 1
-    hatch: str  # one of `ui.look.layer_colours.HATCHES`
+    hatch: str = ""  # of its paint, one of `ui.look.layer_colours.HATCHES`
     light_hatch: bool = False  # on a dark colour
     overlay: Colour | None = None  # of its lines in the overlay of features
     brush: float = 1.0 / 32.0  # radius that its brush opens with, over the sketch's longer side
     vectors: tuple[str, ...] = ()  # what of ``point``, ``line`` and ``area`` it takes as vectors
+    by: str = ""  # property of vectors whose values make the classes; the width of ways is with shoulders
+    classes: tuple[StyleClass, ...] = field(default=(), hash=False)  # of vectors, the topmost first
     # Of dunes and of forests of the fill from its paint, in their radii; 0: only unpainted; none: any.
     clearance: tuple[float, ...] = ()
     # Of point features:
@@ -60,7 +63,7 @@ class Layer:
     @property
     def is_painted(self) -> bool:
         """Whether it has a label image; the other layers have vectors alone."""
-        return self.kind not in ("way", "pad", "barrier", "land")
+        return self.kind not in ("way", "pad", "standing", "land")
 
     @property
     def file(self) -> str:
@@ -87,6 +90,14 @@ class Layer:
         """The parameters of each point feature besides its strength."""
         rest = (each for each in self.parameters.values() if each is not self.main)
         return tuple(each for each in rest if each.name not in _OF_SHAPES)
+
+    def class_of(self, value: float | str = 0.0) -> StyleClass:
+        """Return the class of vectors with a value of the property `by`."""
+        return next(
+            each
+            for each in self.classes
+            if each.value == value or (not isinstance(value, str) and value >= each.value)  # type: ignore[operator] # numbers both
+        )
 
     @property
     def is_share(self) -> bool:
@@ -210,6 +221,13 @@ LANE_WIDTHS: Final = {"road": 3.0, "railway": 4.4, "path": 1.2}
 LAND_USES: Final = ("field", "meadow", "forest", "built_up")
 CROPS: Final = ("automatic", "wheat", "maize", "rapeseed", "ploughed", "vineyard", "orchard")
 
+INK: Final = "#342e2c"
+"""Colour of what is built on maps."""
+_CASING: Final[dict[str, Any]] = {"casing": INK, "casing_width": 0.6}
+_STONE, _BANK = "#706a66", "#306ea0"
+_WATER: Final[dict[str, Any]] = {"colour": "#a6cee6", "fill": "#a6cee6", "fill_opacity": 1.0}
+_LAND: Final[dict[str, Any]] = {"colour": "#b4aa96", "width": 0.5, "fill_opacity": 0.8}
+
 _ALL: Final = (
     Layer(
         *("mountain", "Mountains", 0, "summits", "where mountains rise"),
@@ -271,6 +289,7 @@ _ALL: Final = (
         light_hatch=True,
         overlay=(40, 120, 255),
         vectors=("line", "area"),
+        classes=(style_class("River", **_WATER, width=1.2, casing=_BANK, casing_width=0.7),),
         map_colours="#0000ff #1f4e9c",
         tags=(
             TagRule("waterway", "river tidal_channel riverbank"),
@@ -338,6 +357,7 @@ _ALL: Final = (
         hatch="level",
         overlay=(30, 220, 240),
         vectors=("area",),
+        classes=(style_class("Lake", **_WATER | {"colour": _BANK}, width=1.0),),
         map_colours="#87ceeb #aad3df",
         tags=(
             TagRule("natural", "water reservoir basin lake pond lagoon"),
@@ -378,10 +398,15 @@ _ALL: Final = (
         *("road", "Roads", 9, "way", "where roads run"),
         _way((2, LANE_WIDTHS["road"], "a lane"), 1.0, 0.10, 20.0, 0.06, "asphalt"),
         colour=(90, 88, 96),
-        hatch="level",
-        light_hatch=True,
         overlay=(250, 240, 220),
         vectors=("line",),
+        by="width",
+        classes=(
+            style_class("Main road", 8.5, colour="#e8785c", width=4.25, **_CASING),
+            style_class("Road", 7.0, colour="#fad068", width=3.5, **_CASING),
+            style_class("Minor road", 4.0, colour="#ffffff", width=2.5, **_CASING),
+            style_class("Track", colour=INK, width=1.2),
+        ),
         tags=(
             TagRule("highway", "motorway", {"lanes": 2, "grade": 0.06, "radius": 300.0, "shoulder": 2.5}),
             TagRule("highway", "trunk", {"lanes": 2, "grade": 0.10, "radius": 60.0, "shoulder": 1.5}),
@@ -405,10 +430,9 @@ _ALL: Final = (
         *("railway", "Railways", 10, "way", "where railways run"),
         _way((1, LANE_WIDTHS["railway"], "a track"), 0.6, 0.03, 180.0, 0.0, "gravel"),
         colour=(70, 60, 56),
-        hatch="crossed",
-        light_hatch=True,
         overlay=(200, 170, 220),
         vectors=("line",),
+        classes=(style_class("Railway", colour="#ffffff", width=1.8, dash="7.5 7.5", cap="butt", **_CASING),),
         tags=(
             TagRule("railway", "rail"),
             TagRule(
@@ -423,9 +447,9 @@ _ALL: Final = (
         *("path", "Paths", 11, "way", "where people walk"),
         _way((1, LANE_WIDTHS["path"], "a lane"), 0.2, 0.60, 1.0, 0.0, "soil"),
         colour=(168, 132, 92),
-        hatch="dots",
         overlay=(240, 200, 120),
         vectors=("line",),
+        classes=(style_class("Path", colour=INK, width=1.0, dash="5.5 3"),),
         tags=(
             TagRule("highway", "path footway"),
             TagRule("highway", "cycleway bridleway", {"width": 2.0, "grade": 0.35}),
@@ -445,9 +469,13 @@ _ALL: Final = (
             _surface("gravel"),
         ),
         colour=(196, 170, 160),
-        hatch="level",
         overlay=(230, 150, 130),
         vectors=("area",),
+        by="building",
+        classes=(
+            style_class("Building", 0.01, colour="#5c4e4a", width=0.5, fill="#5c4e4a", fill_opacity=1.0),
+            style_class("Level ground", colour=_STONE, width=0.5, fill="#d6c8ba", fill_opacity=1.0),
+        ),
         tags=(
             TagRule("building", "yes", {"building": 6.0}),  # and any other value
             TagRule(
@@ -458,16 +486,20 @@ _ALL: Final = (
         source_names="building buildings",
     ),
     Layer(
-        *("wall", "Walls and hedges", 13, "barrier", "where walls and hedges stand"),
+        *("wall", "Walls and hedges", 13, "standing", "where walls and hedges stand"),
         parameter_table(
             Parameter("height", float, 1.2, 0.2, 50.0, "m", "above the ground"),
             Parameter("width", float, 0.5, 0.1, 20.0, "m", "from side to side"),
             Parameter("material", str, "stone", 0, 10, "", "what it is of", choices=("stone", "hedge")),
         ),
         colour=(110, 118, 84),
-        hatch="crossed",
         overlay=(160, 200, 120),
         vectors=("line",),
+        by="material",
+        classes=(
+            style_class("Wall", "stone", colour=_STONE, width=0.9),
+            style_class("Hedge", "hedge", colour="#4a7a42", width=2.1, dash="0.05 2.75"),
+        ),
         tags=(
             TagRule("barrier", "wall city_wall retaining_wall"),
             TagRule("barrier", "hedge", {"material": "hedge", "height": 1.6, "width": 1.0}),
@@ -497,9 +529,15 @@ _ALL: Final = (
             *_trees("share of the trees that forests can carry"),
         ),
         colour=(206, 190, 110),
-        hatch="falling",
         overlay=(240, 220, 60),
         vectors=("area",),
+        by="use",
+        classes=(
+            style_class("Field", "field", **_LAND, fill="#faf0c4"),
+            style_class("Meadow", "meadow", **_LAND, fill="#d6e8aa"),
+            style_class("Built-up area", "built_up", **_LAND, fill="#e2c6be"),
+            style_class("Forest", "forest", colour="#54824c", width=0.7, fill="#80ac6c", fill_opacity=0.52),
+        ),
         tags=(
             TagRule("natural", "farmland farm field arable cropland plant_nursery greenhouse_horticulture"),
             TagRule("natural", "vineyard", {"crop": "vineyard"}),
@@ -530,6 +568,9 @@ PAINTED_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.is_painted)
 
 WAY_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.kind == "way")
 """Layers whose lines are one network of roads, railways and paths."""
+
+STANDING_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.kind == "standing")
+"""Layers of things that stand along lines."""
 
 _CODES = {layer.code: layer.name for layer in _ALL}
 
@@ -592,6 +633,11 @@ VECTOR_LAYERS: Final = tuple(layer.name for layer in _ALL if layer.vectors)
 VECTOR_ORDER: Final = (
     *(name for name in VECTOR_LAYERS if LAYERS[name].kind == "land"),
     *(name for name in DRAW_ORDER if LAYERS[name].vectors),
-    *(name for name in reversed(VECTOR_LAYERS) if LAYERS[name].kind in ("way", "pad", "barrier")),
+    *(
+        name
+        for kind in ("pad", "way", "standing")
+        for name in reversed(VECTOR_LAYERS)
+        if LAYERS[name].kind == kind
+    ),
 )
 """The layers of vectors from bottom to top."""

@@ -12,11 +12,12 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array, UInt8Array
 from sketchterrain.caching import LRUCache
-from sketchterrain.document.drapes import BLENDS, STYLE
+from sketchterrain.document.drapes import BLENDS
 from sketchterrain.features.items import Items
 from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.schema.materials import linear_from_hex
+from sketchterrain.schema.styles import STYLE
 from sketchterrain.terrain.orthophotos import ROOTS
 from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
 from sketchterrain.terrain.painted_land import (

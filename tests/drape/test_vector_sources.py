@@ -429,6 +429,25 @@ def test_styles_follow_classes_and_visibility(tmp_path) -> None:
     ]
 
 
+def test_casings_lie_beneath_all_lines_of_a_layer(tmp_path) -> None:
+    cross = [shapely.LineString(each) for each in ([(0, 500), (900, 500)], [(500, 0), (500, 900)])]
+    path = write(tmp_path / "lines.fgb", cross, {"rank": np.array(["a", "b"], object)})
+    classes = (DrapeClass("b", {"casing": ""}),)
+    cased = layer(path, width=6.0, dash="9 9", casing="#102030", casing_width=2.0, by="rank", classes=classes)
+    drapes = opened(cased)
+    items = drapes.items(ALL, 0.5)
+    styles = [drapes.styles[number] for number in items.style.tolist()]
+    assert items.feature.tolist() == [0, 0, 1]
+    assert [each.style["colour"] for each in styles] == ["#102030", "#e03131", "#e03131"]
+    assert [each.width(1.0) for each in styles] == [10.0, 6.0, 6.0]
+    assert [len(each.dashes) for each in styles] == [0, 2, 2]
+    assert drapes.pick(200.0, 504.5, 0.01) == Pick(0, 0)  # a casing is a part of its line
+    both = opened(cased.replace(classes=()))
+    assert both.picks(504.5, 500.0, 0.01)[:2] == [Pick(0, 0), Pick(0, 1)]  # beneath the other line
+    assert both.pick(500.0, 500.0, 0.01) == Pick(0, 1)
+    assert len(opened(cased.replace(casing="")).items(ALL, 0.5).feature) == 2
+
+
 def test_changed_boxes_are_those_of_what_changed(tmp_path) -> None:
     shapes = random_shapes(90)
     one, other = (

@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.export.map.relief import LAND_OPACITY, LAND_TINTS, MapFrame, MapSamples, shaded_relief
+from sketchterrain.export.map.relief import LAND_CLASSES, MapFrame, MapSamples, shaded_relief
 from sketchterrain.export.map.sheet import legend_entries
 from sketchterrain.export.vectors import (
     Origin,
@@ -26,6 +26,7 @@ from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.schema.layers import LAND_USES
 from sketchterrain.schema.materials import BUILT_IN
+from sketchterrain.schema.styles import rgb_from_hex
 from sketchterrain.terrain.surfaces import TerrainFeatures
 
 ORIGIN = Origin(512_000.0, 5_403_000.0)
@@ -110,13 +111,14 @@ def test_maps_are_tinted_by_use_with_an_entry_in_the_legend(sketch):
     grass = np.array(next(iter(BUILT_IN)).tint)
     before, after = (shaded_relief(each).astype(float) for each in (plain, drawn))
     for (x, y), name in (((75, 50), "field"), ((15, 15), "meadow"), ((35, 35), "built_up")):
-        tint = np.array(LAND_TINTS[name][1])
+        style = LAND_CLASSES[name].style
+        tint, opacity = np.array(rgb_from_hex(style["fill"])), style["fill_opacity"]
         light = before[100 - y, x] / grass  # of flat ground
-        expected = light * (LAND_OPACITY * tint + (1.0 - LAND_OPACITY) * grass)
+        expected = light * (opacity * tint + (1.0 - opacity) * grass)
         assert after[100 - y, x] == pytest.approx(expected, abs=4.0), name
     titles = [
         [meaning for meaning, _ in legend_entries([], each, 5.0, set(), [], RoadNetwork())]
         for each in (plain, drawn)
     ]
     assert [title for title in titles[1] if title not in titles[0]] == ["Field", "Meadow", "Built-up area"]
-    assert set(LAND_TINTS) < set(LAND_USES)
+    assert set(LAND_CLASSES) < set(LAND_USES)

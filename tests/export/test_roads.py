@@ -1,7 +1,10 @@
 """Roads, pads and walls in features.json, GeoPackages, engine splines and masks."""
 
 import json
+import sqlite3
+from contextlib import closing
 from types import SimpleNamespace
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pyogrio
@@ -10,15 +13,18 @@ import shapely
 from PIL import Image
 
 from sketchterrain.export.engines import EngineAxes
+from sketchterrain.export.gis_layers import gis_layers, write_styles
 from sketchterrain.export.roads import built_ground, coverage, road_content, road_layers, write_corridors
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples
 from sketchterrain.export.target import Export, ExportOptions, Tiling
 from sketchterrain.export.vectors import Origin, geopackage, write_features
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.terrain.surfaces import TerrainFeatures
 from tests.sample_roads import curved_road, make_network, make_road, straight_road
 
+SLD = "{http://www.opengis.net/sld}"
 ORIGIN = Origin(512_000.0, 5_403_000.0)
 
 
@@ -29,6 +35,33 @@ def network():
 
 def features(network):
     return TerrainFeatures(np.zeros(0, FEATURE), (), network=network)
+
+
+def test_geopackages_hold_the_styles_of_classes_as_qml_and_sld(network, tmp_path):
+    counts = dict.fromkeys(("roads", "railways", "walls", "landuse"), 1)
+    terrain = SimpleNamespace(sketch=SimpleNamespace(vectors={}))
+    groups = gis_layers(SimpleNamespace(name="map", drapes=(), terrain=terrain), counts)
+    path = tmp_path / "map.gpkg"
+    with geopackage(path, "EPSG:25832") as file:
+        for layer in road_layers(network, ORIGIN):
+            file.add(layer)
+    write_styles(path, [layer for group in groups.values() for layer in group])
+    with closing(sqlite3.connect(path)) as file:
+        rows = dict(file.execute("SELECT f_table_name, styleQML || styleSLD FROM layer_styles"))
+        columns = file.execute("SELECT f_table_name, styleQML, styleSLD FROM layer_styles").fetchall()
+    assert sorted(rows) == sorted(counts)
+    for name, qml, text in columns:
+        symbols, sld = ET.fromstring(qml), ET.fromstring(text)  # noqa: S314 # our own
+        layer = next(each for each in LAYERS.values() if name in (f"{each.name}s", each.name))
+        titles = [each.title for each in layer.classes]
+        assert [each.get("label") for each in symbols.iter("rule")] == titles
+        *casings, strokes = sld.iter(f"{SLD}FeatureTypeStyle")
+        assert [each.findtext(f"{SLD}Title") for each in strokes] == titles
+        assert sum(len(each) for each in casings) == sum(bool(each.style["casing"]) for each in layer.classes)
+        colours = [each.text for each in strokes.iter(f"{SLD}CssParameter") if each.get("name") == "stroke"]
+        assert colours == [each.style["colour"] for each in layer.classes]
+    assert rows["roads"].count("<ogc:PropertyIsGreaterThanOrEqualTo>") == 2 * (1 + 2 + 3 + 4) - 4
+    assert "&quot;material&quot; = 'hedge'" in rows["walls"]
 
 
 def test_features_file_lists_roads_pads_and_walls_and_only_those_that_exist(network, tmp_path):

@@ -51,9 +51,9 @@ def test_a_map_on_elevation_becomes_a_terrain(tmp_path, capsys) -> None:
     sketch = load_sketch(tmp_path / "a")
     terrain = build(sketch, device=terrains.context())
     network = terrain.recipe.network
-    (pad,), (hedge,) = network.pads, network.walls
+    (pad,), (hedge,) = network.pads, network.standing
     assert pad.building == 6.0
-    assert hedge.material == "hedge"
+    assert hedge.values["material"] == "hedge"
     assert not any("above" in told for told in network.findings)
     names = terrain.recipe.materials.names
     natural = terrain.recipe.with_layers([PadsLayer(names, ()), RoadsLayer(names, ())])

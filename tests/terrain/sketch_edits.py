@@ -257,9 +257,10 @@ def _random_line(rng: Rng, layer: VectorLayer, sketch: Sketch) -> Feature:
     if len(layer) and rng.random() < 0.5:
         path[-1] = layer.vertices[rng.integers(len(layer.vertices))]
     flags = {key: 1 for key in ("smooth", "directed") if rng.random() < 0.5}
-    widest = min(LAYERS[layer.layer].parameters["width"].high, 60.0)
-    width = {"width": float(rng.uniform(2, widest))} if rng.random() < 0.5 else {}
-    return Feature(LINE, (path,), int(rng.choice(_LABELS)), {**flags, **width})
+    declared = LAYERS[layer.layer].parameters
+    key = "width" if "width" in declared else "height"
+    size = {key: float(rng.uniform(4, min(declared[key].high, 60.0)))} if rng.random() < 0.5 else {}
+    return Feature(LINE, (path,), int(rng.choice(_LABELS)), {**flags, **size})
 
 
 def _random_area(rng: Rng, sketch: Sketch) -> Feature:

@@ -133,7 +133,7 @@ def main(kind: str, folder: Path) -> None:
     assert COMMANDS["layer-cave"].text.endswith("Caves")
     assert len({layer.code for layer in LAYERS.values()}) == len(LAYERS)
     for layer in LAYERS.values():
-        assert layer.hatch in HATCHES, layer.name
+        assert (layer.hatch in HATCHES) == layer.is_painted, layer.name
         assert (layer.glyph in GLYPHS) == layer.is_points, layer.name
     assert label_colour("cave", 1).getRgb()[:3] == LAYERS["cave"].colour
     assert label_colour("cave", 2) != label_colour("cave", 1)

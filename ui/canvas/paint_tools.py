@@ -269,7 +269,7 @@ class LineTool(Tool):
         """Whether lines are curves through their points: all but walls are."""
         if self._layer.is_draped:
             return False
-        return self._kind is None or LAYERS[self.context.workspace.layer].kind != "barrier"
+        return self._kind is None or LAYERS[self.context.workspace.layer].kind != "standing"
 
     @property
     def _layer(self) -> Selection:

@@ -6,24 +6,24 @@ import math
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Int64Array
 from sketchterrain.features.edits import shared_nodes
-from sketchterrain.features.picking import Shapes, curves_of, outlines_of
-from sketchterrain.features.table import AREA, LINE, POINT
-from sketchterrain.schema.layers import LAND_USES, LAYERS
+from sketchterrain.features.picking import curves_of, outlines_of
+from sketchterrain.features.table import AREA, LINE, POINT, VectorLayer
+from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
 from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths, world_box
 from sketchterrain.ui.canvas.tool_context import ToolContext
-from sketchterrain.ui.look.layer_colours import USE_COLOURS, label_colour
+from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models import features
 from sketchterrain.ui.models.features import SelectedFeature
 from sketchterrain.ui.models.selection import FeatureDrag
 
-_DASH = 6.0  # logical px
+_WIDEST = 6.0  # logical px of a style's line with its casing
+_OVER_PAINT = 0.625  # of the opacity of areas, through which paint is seen
 _MAX_HANDLES = 1500
 _MANY, _SMALL = 1000, 8.0  # areas, if there are more, with sides of fewer logical px are drawn as squares
 
@@ -73,40 +73,38 @@ def draw_selected_feature(
 
 
 def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
-    """Draw the vectors of visible layers in an area."""
-    for layer in features.visible_vectors(context.document.sketch, context.workspace):
-        widths = features.widths_of(context.document.sketch, layer) * context.px_per_metre
-        uses = context.document.sketch.vector_texts("landuse", "use") if layer.layer == "landuse" else []
-        curves, margin = curves_of(layer), 0.5 * float(widths.max())
+    """Draw the vectors of visible layers in an area, in the styles of their classes."""
+    sketch = context.document.sketch
+    for layer in features.visible_vectors(sketch, context.workspace):
+        widths, classes = features.looks_of(sketch, layer)
+        widths, curves = widths * context.px_per_metre, curves_of(layer)
+        margin = 0.5 * max(float(widths.max()), _WIDEST)
         order = curves.touching(world_box(context, area, margin))
         order = order[np.argsort(layer.kinds[order] == LINE, kind="stable")]
-        if uses and len(uses) > _MANY:
-            numbers = np.array([1 + LAND_USES.index(use) for use in uses], np.uint8)
-            order = np.intersect1d(order, _draw_small(context, painter, area, curves.shapes, numbers))
+        if LAYERS[layer.layer].kind == "land" and len(classes) > _MANY:
+            order = np.intersect1d(order, _draw_small(context, painter, area, layer, classes))
         paths = screen_paths(context, curves.shapes[order], area, margin=margin)
         visible = [
-            (path, _pens(layer.layer, int(layer.labels[index]), float(widths[index])), index)
-            for index, path in zip(order.tolist(), paths, strict=True)
+            (path, *_tools(layer.layer, int(layer.labels[at]), int(classes[at]), float(widths[at])), at)
+            for at, path in zip(order.tolist(), paths, strict=True)
             if not path.isEmpty()
         ]
-        # One pen of all lines after the other, so that casings do not cross junctions.
-        for number in range(max((len(pens) for _, pens, _ in visible), default=0)):
-            for path, pens, index in visible:
-                if number < len(pens):
-                    colour = QColor(USE_COLOURS[uses[index]] if uses else pens[number].color())
-                    colour.setAlpha(128)
-                    painter.setPen(pens[number])
-                    is_area = layer.kinds[index] == AREA
-                    painter.setBrush(colour if is_area else Qt.BrushStyle.NoBrush)
+        # Casings of all lines before the lines, so that they do not cross junctions.
+        for number in range(2):
+            for path, brush, pens, at in visible:
+                if number >= 2 - len(pens):
+                    painter.setPen(pens[number - 2])
+                    painter.setBrush(brush if layer.kinds[at] == AREA else Qt.BrushStyle.NoBrush)
                     painter.drawPath(path)
 
 
 def _draw_small(
-    context: ToolContext, painter: QPainter, area: QRectF, shapes: Shapes, uses: npt.NDArray[np.uint8]
+    context: ToolContext, painter: QPainter, area: QRectF, layer: VectorLayer, classes: Int64Array
 ) -> Int64Array:
-    """Draw small areas of uses (1 + their number) as squares; return the indices of the others."""
+    """Draw small areas as squares in the colours of their classes; return the indices of the others."""
     import shapely
 
+    shapes = curves_of(layer).shapes
     side = np.sqrt(shapely.area(shapes)) * context.px_per_metre
     west, south, east, north = shapely.bounds(shapes).T
     x, y = context.screens_from_world(0.5 * (west + east), 0.5 * (south + north))
@@ -120,36 +118,36 @@ def _draw_small(
     for size in range(margin + 1):
         own = np.flatnonzero(small & small_here & (np.rint(side) == size))
         for each in np.ndindex(max(size, 1), max(size, 1)):
-            numbers[row[own] + margin + each[0], column[own] + margin + each[1]] = uses[own]
-    colours = np.array(
-        [[0, 0, 0, 0], *((*USE_COLOURS[name].getRgb()[:3], 128) for name in LAND_USES)], np.uint8
-    )
+            numbers[row[own] + margin + each[0], column[own] + margin + each[1]] = 1 + classes[own]
+    brushes = (_tools(layer.layer, 1, each, 0.0)[0] for each in range(len(LAYERS[layer.layer].classes)))
+    colours = np.array([[0, 0, 0, 0], *(brush.getRgb() for brush in brushes)], np.uint8)
     image = QImage(colours[numbers].tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888)
     painter.drawImage(QPointF(area.x() - margin, area.y() - margin), image)
     return np.flatnonzero(~small)
 
 
 @lru_cache(maxsize=256)
-def _pens(layer: str, label: int, width: float) -> tuple[QPen, ...]:
-    """Return the pens of a line of a width (px), one over the other: roads have a casing, railways ties."""
-    colour = label_colour(layer, label)
+def _tools(layer: str, label: int, number: int, width: float) -> tuple[QColor, tuple[QPen, ...]]:
+    """Return the colour of areas, and the pens of a class's lines of a width (px): any casing, and a line.
+
+    Vectors of painted layers have the colour of their label.
+    """
+    style, is_painted = LAYERS[layer].classes[number].style, LAYERS[layer].is_painted
+    colour = label_colour(layer, label) if is_painted else QColor(style["colour"])
+    inside = QColor(colour if is_painted else style["fill"])
+    inside.setAlphaF(_OVER_PAINT * style["fill_opacity"])
+    least = max(style["width"], features.LEAST_WIDTH)
     # Round caps would take three times the time.
-    is_thin = width <= features.LEAST_WIDTH
-    cap = Qt.PenCapStyle.FlatCap if is_thin else Qt.PenCapStyle.RoundCap
-    join = Qt.PenJoinStyle.BevelJoin if is_thin else Qt.PenJoinStyle.RoundJoin
-    wide = max(width, features.LEAST_WIDTH)
+    is_thin = width <= least
+    cap = Qt.PenCapStyle.FlatCap if is_thin or style["dash"] else Qt.PenCapStyle.RoundCap
+    join, wide = Qt.PenJoinStyle.BevelJoin if is_thin else Qt.PenJoinStyle.RoundJoin, max(width, least)
     pen = QPen(colour, wide, cap=cap, join=join)
-    if LAYERS[layer].kind != "way":
-        return (pen,)
-    casing = QPen(QColor(255, 255, 255, 210), wide + 2.0 * features.CASING, cap=cap, join=join)
-    if layer == "railway":
-        ties = QPen(QColor(255, 255, 255, 230), 0.5 * wide, cap=Qt.PenCapStyle.FlatCap, join=join)
-        ties.setDashPattern([_DASH / ties.widthF(), _DASH / ties.widthF()])
-        return casing, pen, ties
-    if layer == "path":
-        pen.setCapStyle(Qt.PenCapStyle.FlatCap)
-        pen.setDashPattern([_DASH / wide, 0.5 * _DASH / wide])
-    return casing, pen
+    if style["dash"]:
+        pen.setDashPattern([max(float(each), 0.5 * least) / wide for each in style["dash"].split()])
+    if is_painted or not style["casing"]:
+        return inside, (pen,)
+    edges = QPen(QColor(style["casing"]), wide + 2.0 * style["casing_width"], cap=cap, join=join)
+    return inside, (edges, pen)
 
 
 def _draw_arrow(painter: QPainter, path: QPainterPath) -> None:

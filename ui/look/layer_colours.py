@@ -20,15 +20,6 @@ def label_colour(layer: str, label: int) -> QColor:
     return QColor(*label_rgb(layer, label))
 
 
-USE_COLOURS: Final = {
-    "field": QColor(214, 190, 96),
-    "meadow": QColor(160, 200, 96),
-    "forest": QColor(48, 118, 66),
-    "built_up": QColor(200, 124, 112),
-}
-"""Colours of areas of land use."""
-
-
 def hatch_colour(layer: str) -> QColor:
     """Return the line colour, with alpha, of a layer's hatch."""
     if LAYERS[layer].light_hatch:
@@ -40,6 +31,8 @@ def hatch_colour(layer: str) -> QColor:
 @lru_cache(maxsize=512)
 def swatch(layer: str, label: int, size: int, dpr: float = 1.0) -> QPixmap:
     """Return a label's swatch (logical px): its colour and its layer's hatch."""
+    if not LAYERS[layer].is_painted:
+        return colour_swatch(*LAYERS[layer].classes[0].colours, size, dpr)
     colour = label_colour(layer, label)
     brushes = QBrush(colour), QBrush(_hatch_image(layer, dpr))
     return _filled_square(brushes, QPen(colour.darker(160), 1.0), size, dpr)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from sketchterrain.array_types import Float64Array
+from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits
@@ -43,8 +43,8 @@ Table: TypeAlias = "VectorLayer | VectorSource"
 LEAST_WIDTH: Final = 1.5
 """Logical px of a line on the canvas."""
 
-CASING: Final = 1.0
-"""Logical px of the light rim of a way, on each side."""
+_looks: dict[str, tuple[VectorLayer, object, tuple[Float64Array, Int64Array]]] = {}
+"""Widths and classes of layers in use, with their labels."""
 
 _ON_LINE = 0.01  # m
 _AT_VERTEX = 0.1  # m from a vertex, where two lines that share it cross
@@ -54,7 +54,6 @@ _MAX_STEPS = 1500  # along an outline
 _ALONG = 0.1  # m along a line, which gives its direction
 _DECIMALS = 2  # of a dragged width, m
 _LEAST: Final = {POINT: 1, LINE: 2, AREA: 3}  # points that are drawn
-_widths: dict[str, tuple[VectorLayer, object, Float64Array]] = {}  # of layers in use, with labels
 _NUMBERS: Final = {"int64": (int, "a whole number"), "float64": (float, "a number")}  # by dtype
 
 
@@ -273,12 +272,32 @@ def change_features(
 
 def widths_of(sketch: Sketch, layer: VectorLayer) -> Float64Array:
     """Return the width of each line of a layer (m), 0 of the rest."""
+    return looks_of(sketch, layer)[0]
+
+
+def looks_of(sketch: Sketch, layer: VectorLayer) -> tuple[Float64Array, Int64Array]:
+    """Return the width of each line of a layer (m), 0 of the rest, and the number of its class."""
     name = layer.layer
-    if "width" not in LAYERS[name].parameters:
-        return np.zeros(len(layer))
-    if name not in _widths or _widths[name][0] is not layer or _widths[name][1] != sketch.labels:
-        _widths[name] = layer, sketch.labels, np.where(layer.kinds == LINE, sketch.vector_widths(name), 0.0)
-    return _widths[name][2]
+    if name not in _looks or _looks[name][0] is not layer or _looks[name][1] != sketch.labels:
+        widths = np.zeros(len(layer))
+        if "width" in LAYERS[name].parameters:
+            widths = np.where(layer.kinds == LINE, sketch.vector_widths(name), 0.0)
+        _looks[name] = layer, sketch.labels, (widths, _classes_of(sketch, layer))
+    return _looks[name][2]
+
+
+def _classes_of(sketch: Sketch, layer: VectorLayer) -> Int64Array:
+    look = LAYERS[layer.layer]
+    known = [each.value for each in look.classes]
+    if not look.by:
+        return np.zeros(len(layer), np.int64)
+    if look.kind == "way":
+        values = sketch.vector_widths(look.name) + 2.0 * sketch.vector_values(look.name, "shoulder")
+    elif isinstance(known[0], str):
+        return np.array([known.index(each) for each in sketch.vector_texts(look.name, look.by)], np.int64)
+    else:
+        values = sketch.vector_values(look.name, look.by)
+    return np.asarray((values[:, None] < np.array(known)).sum(axis=1))
 
 
 def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
@@ -295,9 +314,12 @@ def vector_picks(
     The distance of what is drawn there is 0; a pixel is `texel` m.
     """
     for layer in visible_vectors(sketch, workspace)[::-1]:
-        half = 0.5 * np.maximum(widths_of(sketch, layer), LEAST_WIDTH * texel)
-        rim = CASING * texel if LAYERS[layer.layer].kind == "way" else 0.0
-        rows, distance, inside = curves_of(layer).near(x, y, float(half.max()) + rim + PICK * texel)
+        (widths, classes), look = looks_of(sketch, layer), LAYERS[layer.layer]
+        least = np.array([max(each.style["width"], LEAST_WIDTH) for each in look.classes])
+        edge = np.array([0.0 if look.is_painted else each.casing_width for each in look.classes])
+        half, rims = 0.5 * np.maximum(widths, least[classes] * texel), edge[classes] * texel
+        rows, distance, inside = curves_of(layer).near(x, y, float((half + rims).max()) + PICK * texel)
+        rim = rims[rows]
         gap = np.where(inside, 0.0, np.maximum(distance - half[rows], 0.0))
         is_line = layer.kinds[rows] == LINE
         body = is_line & (gap == 0.0)  # over the rims of all ways, which are over areas

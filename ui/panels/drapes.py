@@ -11,9 +11,10 @@ from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIcon
 from PyQt6.QtWidgets import QComboBox, QLabel, QPushButton, QWidget
 
-from sketchterrain.document.drapes import DRAPE, STYLE, DrapeClass, DrapedLayer, draped_layer
+from sketchterrain.document.drapes import DRAPE, DrapeClass, DrapedLayer, draped_layer
 from sketchterrain.errors import one_line
 from sketchterrain.schema.parameters import Parameter, Value
+from sketchterrain.schema.styles import STYLE
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.commands import reported
 from sketchterrain.ui.look.layer_colours import colour_swatch

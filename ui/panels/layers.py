@@ -8,7 +8,7 @@ from PyQt6.QtWidgets import QLabel
 
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.layers import LANE_WIDTHS, LAYERS
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button
@@ -80,6 +80,15 @@ def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
     if area < 1e4:
         return f"{main} · {number(area, decimals=0)} m²"
     return f"{main} · {number(area / 1e6, decimals=1 if area >= 1e6 else 2)} km²"
+
+
+def label_colours(sketch: Sketch, layer: str, label: int) -> tuple[str, str]:
+    """Return the colours of the borders and insides of a label's vectors."""
+    own, look = sketch.properties(layer, label), LAYERS[layer]
+    value = own.get(look.by, 0.0)
+    if look.kind == "way" and look.by:
+        value = (value or LANE_WIDTHS[layer] * own["lanes"]) + 2.0 * own["shoulder"]
+    return look.class_of(value).colours
 
 
 class LayersPanel(Panel):
@@ -253,6 +262,7 @@ class LayersPanel(Panel):
                 label_detail(self._document.sketch, layer, label, self._areas[layer].get(label, 0)),
                 look.visible if label == labels[0] else None,
                 look.locked if label == labels[0] else None,
+                None if LAYERS[layer].is_painted else label_colours(self._document.sketch, layer, label),
             )
             for label in labels
         ]

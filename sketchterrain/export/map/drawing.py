@@ -17,6 +17,9 @@ import shapely
 from PIL import Image, ImageFont
 from shapely.affinity import rotate
 
+from sketchterrain.schema.parameters import Properties
+from sketchterrain.schema.styles import rgb_from_hex
+
 Colour: TypeAlias = tuple[int, int, int]
 Box: TypeAlias = tuple[float, float, float, float]  # left, top, width, height (mm)
 Points: TypeAlias = npt.NDArray[np.float64]  # (n, 2): x to the right, y down (mm)
@@ -95,6 +98,38 @@ class MapSheet:
     width: float
     height: float
     layers: dict[str, list[Shape]]
+
+
+def styled(
+    style: Properties,
+    unit: float,
+    *,
+    lines: Sequence[Points] = (),
+    rings: Sequence[Points] = (),
+    points: Sequence[Points] = (),
+    width: float = 0.0,
+    opacity: float = 1.0,
+) -> tuple[list[Shape], list[Shape]]:
+    """Return casings, and what lies above them, of closed rings of areas, lines and points (n, 2; mm).
+
+    A unit of the style is `unit` mm, and lines are at least `width` mm wide. Hatches are filled.
+    """
+    wide, edge = max(unit * float(style["width"]), width), 2.0 * unit * float(style["casing_width"])
+    casings, above, outlines = list[Shape](), list[Shape](), [*lines, *rings]
+    if style["fill"] and rings:
+        above.append(Polygons(rings, rgb_from_hex(style["fill"]), opacity * float(style["fill_opacity"])))
+    if not style["colour"] or wide <= 0.0:
+        return casings, above
+    if outlines:
+        dashes = tuple(unit * float(each) for each in str(style["dash"]).split())
+        above.append(Polylines(outlines, rgb_from_hex(style["colour"]), wide, opacity, dashes))
+        if style["casing"] and edge > 0.0:
+            casings.append(Polylines(outlines, rgb_from_hex(style["casing"]), wide + edge, opacity))
+    if points:
+        circle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+        disc = 0.5 * wide * np.stack([np.cos(circle), np.sin(circle)], axis=-1)
+        above.append(Polygons([at + disc for at in points], rgb_from_hex(style["colour"]), opacity))
+    return casings, above
 
 
 class LabelSpace:

@@ -9,9 +9,20 @@ import numpy.typing as npt
 import shapely
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label, maximum_position
 
-from sketchterrain.export.map.drawing import Colour, LabelSpace, MapText, Points, Polygons, Polylines, Shape
+from sketchterrain.export.map.drawing import (
+    Colour,
+    LabelSpace,
+    MapText,
+    Points,
+    Polygons,
+    Polylines,
+    Shape,
+    styled,
+)
 from sketchterrain.export.map.relief import Grid, MapSamples, nearest_round
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.schema.layers import LAYERS
+from sketchterrain.schema.styles import PIXEL, rgb_from_hex
 
 INDEX: Final = 5  # every 5th contour is an index contour: heavier and labelled
 STEEP_SHARE: Final = 85.0  # percentile of slope for which the interval is chosen
@@ -164,11 +175,12 @@ def along(path: Points, arc: Points, lengths: Points) -> Points:
     return np.stack([np.interp(lengths, arc, path[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-WATER, DEEP, DEEPER = (166, 206, 230), (92, 150, 196), 0.3  # the opacity of each depth's tint
-BANK: Final = (48, 110, 160)
+_LAKE, _FOREST = LAYERS["lake"].class_of().style, LAYERS["landuse"].class_of("forest").style
+WATER, BANK = rgb_from_hex(_LAKE["fill"]), rgb_from_hex(_LAKE["colour"])
+DEEP, DEEPER = (92, 150, 196), 0.3  # the opacity of each depth's tint
 LEVEL: Final = (16, 58, 104)  # of labels on lakes
-FOREST, FOREST_EDGE, FOREST_OPACITY = (128, 172, 108), (84, 130, 76), 0.52  # the relief shows through
-MIN_RIVER: Final = 0.24  # mm
+FOREST: Final = rgb_from_hex(_FOREST["fill"])
+MIN_RIVER: Final = PIXEL * LAYERS["river"].class_of().style["width"]  # mm
 CASED: Final = 0.42  # mm from which on a river has banks on both sides
 BANK_WIDTH, SHORE_WIDTH = 0.14, 0.2  # mm
 WIDTH_STEP: Final = 0.04  # mm between the drawn widths of a river
@@ -271,7 +283,7 @@ def draw_forests(samples: MapSamples) -> list[Shape]:
 
 def forest(rings: list[Points]) -> list[Shape]:
     """Return rings (mm) in the style of forests."""
-    return [Polygons(rings, FOREST, FOREST_OPACITY), Polylines(rings, FOREST_EDGE, 0.14, 0.8)]
+    return styled(_FOREST, PIXEL, rings=rings)[1]
 
 
 def contour_rings(field: Grid, levels: list[float], samples: MapSamples) -> list[list[Points]]:

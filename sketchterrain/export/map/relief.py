@@ -13,8 +13,9 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from sketchterrain.export.map.drawing import Box, Points
 from sketchterrain.export.vectors import land_shares
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.schema.layers import LAND_USES
+from sketchterrain.schema.layers import LAND_USES, LAYERS
 from sketchterrain.schema.materials import Material, MaterialTable
+from sketchterrain.schema.styles import rgb_from_hex
 
 Grid: TypeAlias = npt.NDArray[np.float32]
 
@@ -23,13 +24,8 @@ MARGIN, TOP = 12.5, 28.0  # mm from the sheet's edges to the map
 MIN_WIDTH: Final = 160.0  # mm of the sheet, for the legend
 SCALES: Final = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0)
 
-LAND_TINTS: Final = {
-    "field": ("Field", (250, 240, 196)),
-    "meadow": ("Meadow", (214, 232, 170)),
-    "built_up": ("Built-up area", (226, 198, 190)),
-}
-"""Titles and colours of uses of land; forests are drawn where the ground's material says so."""
-LAND_OPACITY: Final = np.float32(0.8)
+LAND_CLASSES: Final = {str(each.value): each for each in LAYERS["landuse"].classes if each.value != "forest"}
+"""Classes by use; forests are drawn where the ground's material says so."""
 
 STEP, SMOOTH = 0.2, 0.5  # mm between samples; mm, cell size of the heights for contours
 COVER_SIGMA: Final = 0.45  # mm, blur of materials against speckles
@@ -169,8 +165,10 @@ def shaded_relief(samples: MapSamples) -> npt.NDArray[np.uint8]:
     tints = np.array([each.tint for each in samples.materials], np.float32)
     colour = samples.cover @ tints / np.maximum(samples.cover.sum(axis=-1, keepdims=True), 1e-6)
     if samples.land is not None:
-        land = np.array([colour for _, colour in LAND_TINTS.values()], np.float32)
-        shares = LAND_OPACITY * samples.land[..., [LAND_USES.index(name) for name in LAND_TINTS]]
+        styles = [each.style for each in LAND_CLASSES.values()]
+        land = np.array([rgb_from_hex(each["fill"]) for each in styles], np.float32)
+        shares = samples.land[..., [LAND_USES.index(name) for name in LAND_CLASSES]]
+        shares = shares * np.array([each["fill_opacity"] for each in styles], np.float32)
         colour += shares @ land - shares.sum(axis=-1, keepdims=True) * colour
     rise = _rise(samples.height)[..., None]
     colour *= LOW + rise * (HIGH - LOW)

@@ -12,7 +12,6 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import UInt8Array
-from sketchterrain.document.own_materials import rgb_from_hex
 from sketchterrain.errors import InputError
 from sketchterrain.export.drapes import DrapedShapes, draped_shapes
 from sketchterrain.export.map import features
@@ -29,9 +28,10 @@ from sketchterrain.export.map.drawing import (
     rectangle,
     sheet_png,
     sheet_svg,
+    styled,
 )
 from sketchterrain.export.map.relief import (
-    LAND_TINTS,
+    LAND_CLASSES,
     MARGIN,
     MapFrame,
     MapSamples,
@@ -46,6 +46,7 @@ from sketchterrain.io.files import write_atomic
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.schema.layers import LAND_USES
 from sketchterrain.schema.parameters import Properties
+from sketchterrain.schema.styles import PIXEL, rgb_from_hex
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes
@@ -59,7 +60,6 @@ BAND, OUTER = (0.9, 1.9), 3.0  # mm from the map to both sides of the chequered 
 TITLE, SUBTITLE, TEXT = 7.2, 2.9, 2.5  # mm
 WIDTH, HEIGHT, COLUMN, ROW = 11.0, 4.4, 52.0, 6.6  # mm of symbols, and of the legend
 ABOVE, SCALE_WIDTH = 13.0, 78.0  # mm from the map to the legend; of scale bar and north arrow
-_PIXEL: Final = 0.2  # mm of a map, for widths in px
 BAR: Final = (36.0, 5)  # mm, approximate length of the scale bar; its parts
 
 
@@ -185,7 +185,8 @@ def legend_entries(
     ]
     if samples.land is not None:
         used = samples.land.reshape(-1, len(LAND_USES)).max(axis=0) > 0.0
-        tints = [tint for name, tint in LAND_TINTS.items() if used[LAND_USES.index(name)]] + tints
+        land = [each for name, each in LAND_CLASSES.items() if used[LAND_USES.index(name)]]
+        tints = [(each.title, rgb_from_hex(each.style["fill"])) for each in land] + tints
     for meaning, tint in tints:
         entries.append((meaning, [Polygons([patch], tint), Polylines([patch], GREY, 0.1)]))
     return entries
@@ -387,21 +388,13 @@ def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame)
     from sketchterrain.features.files import single_parts  # loads GDAL
 
     parts, _ = single_parts(shapely.force_2d(geometry), np.arange(len(geometry)))
-    unit = _PIXEL if look["unit"] == "px" else float(look["unit"])
-    width, opacity, kind = float(look["width"]) * unit, float(look["opacity"]), shapely.get_dimensions(parts)
-    rings = [frame.to_sheet(each.coords) for each in shapely.get_rings(parts[kind == 2])]
-    lines = [frame.to_sheet(each.coords) for each in parts[kind == 1]]
-    circle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
-    disc = 0.5 * width * np.stack([np.cos(circle), np.sin(circle)], axis=-1)
-    dots = [at + disc for at in frame.to_sheet(shapely.get_coordinates(parts[kind == 0]))]
-    colour, fill = str(look["colour"]), str(look["fill"])
-    dashes = tuple(unit * float(each) for each in str(look["dash"]).split())
-    shapes: list[Shape] = []
-    if fill and rings:
-        shapes.append(Polygons(rings, rgb_from_hex(fill), opacity * float(look["fill_opacity"])))
-    outlines = [*lines, *rings]
-    if colour and width > 0.0 and outlines:
-        shapes.append(Polylines(outlines, rgb_from_hex(colour), width, opacity, dashes))
-    if colour and width > 0.0 and dots:
-        shapes.append(Polygons(dots, rgb_from_hex(colour), opacity))
-    return shapes
+    unit, kind = PIXEL if look["unit"] == "px" else float(look["unit"]), shapely.get_dimensions(parts)
+    casings, above = styled(
+        look,
+        unit,
+        lines=[frame.to_sheet(each.coords) for each in parts[kind == 1]],
+        rings=[frame.to_sheet(each.coords) for each in shapely.get_rings(parts[kind == 2])],
+        points=list(frame.to_sheet(shapely.get_coordinates(parts[kind == 0]))),
+        opacity=float(look["opacity"]),
+    )
+    return [*casings, *above]

@@ -11,6 +11,7 @@ from rasterio.crs import CRS
 
 from sketchterrain.export.engines import requested_storeys
 from sketchterrain.export.foliage_files import plant_pieces
+from sketchterrain.export.gis_layers import gis_layers, write_styles
 from sketchterrain.export.rasters import APPEARANCE, NO_DATA, Georeference, local_metres, write_cloud_tiff
 from sketchterrain.export.roads import MASKS, built_ground, coverage, road_layers
 from sketchterrain.export.sampled import SampleGrid, appearance_picture
@@ -70,6 +71,8 @@ def write_gis(export: Export, georeference: Georeference) -> ExportOutput:
         geopackage(vectors, crs.to_wkt()) as file,
     ):
         _write_vectors(export, file, origin, progress)
+    layers = gis_layers(export, file.counts)
+    write_styles(vectors, (each for name, group in layers.items() if name != "Drapes" for each in group))
     files[vectors] = f"GeoPackage with the layers {', '.join(file.counts)}"
     transform = georeference.transform(export.grid)
     facts: dict[str, Any] = {

@@ -192,7 +192,8 @@ def test_empty_layers_are_written_and_files_are_deterministic(lawn, tmp_path):
         assert again.read_bytes() == (tmp_path / again.name).read_bytes(), again.name
     assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") is None  # the clock runs on for others
     path = tmp_path / "lawn.gpkg"
-    names = [str(name) for name, _ in pyogrio.list_layers(path)]
+    *names, styles = [str(name) for name, _ in pyogrio.list_layers(path)]
+    assert styles == "layer_styles"
     assert names == ["lakes", "rivers", "river_stations", "features", "plants", "grass"]
     counts = [pyogrio.read_info(path, layer=name)["features"] for name in names]
     grass = len(terrain.foliage(0, 0, 24, 24, storey="grass"))

@@ -48,7 +48,7 @@ _TOOLS = {
     "pick": ("I", "P&ick", "Pick the label from the sketch"),
     "pan": ("H", "&Hand", "Move the sketch; Space does so with any tool"),
 }
-_LAYER_KEYS = "1234567890TPUWA"
+_LAYER_KEYS = "1234567890TPUWAN"
 _MODES = {
     "orbit": ("&Orbit", "Turn around the terrain with the mouse"),
     "fly": ("&Fly", "Fly freely with W A S D and the mouse"),

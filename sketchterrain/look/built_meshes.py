@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ BUILT: Final = {
     "roof": BuiltMaterial("asphalt", (0.26, 0.105, 0.065)),
     "hedge": BuiltMaterial("grass", (0.040, 0.062, 0.022)),
     "wood": BuiltMaterial("asphalt", (0.13, 0.075, 0.042)),
+    "steel": BuiltMaterial("asphalt", (0.30, 0.31, 0.32)),
     "glass": BuiltMaterial("asphalt", (0.020, 0.024, 0.030)),
     MOUTH: BuiltMaterial("asphalt", (0.002, 0.002, 0.002)),
 }
@@ -42,6 +43,13 @@ _ROOF_SLOPE: Final = 0.7
 _WINDOW: Final = (1.0, 1.3)  # m, width and height
 _BAY, _STOREY, _SILL = 2.6, 2.8, 0.95  # m
 _FINE, _BOARDS = 0.08, 0.25  # m, sizes of windows, and of boards and plinths
+_CABLE, _SAG = 0.1, 0.03  # m, width of cables; sag over their span
+_TOWER: Final = ((-0.02, 0.1), (0.22, 0.07), (0.42, 0.045), (0.6, 0.025), (0.8, 0.02), (1.0, 0.004))
+"""Heights of the joints of a tower, and half its width there, over its height."""
+_ARMS: Final = (((0.93, 0.11),), ((0.66, 0.2), (0.78, 0.25), (0.9, 0.16)))
+"""Height and length of each pair of arms of poles and of towers, over their height."""
+_BEAMS: Final = ((0.012, 0.012, 0.03), (0.006, 0.006, 0.008, 0.004, 0.004))
+"""Widths of their arms, and of a pole, or of a tower's legs and braces, over their height."""
 _HEDGE_STEP, _WALL_STEP = 0.8, 2.0  # m between the cross-sections of a hedge, and of a wall
 
 
@@ -344,11 +352,67 @@ def _wall_parts(given: LineObject, line: Float64Array, ground: Float64Array) -> 
     return [swept(material, lines, along), flat_quads(material, ends)]
 
 
+def beam_quads(
+    material: str, ends: Float64Array, width: Float64Array | float, *, size: float = 0.0
+) -> BuiltPart:
+    """Return square beams between ends (m, 2, 3), of a width (m) each, open at their ends."""
+    axis = _unit(ends[:, 1] - ends[:, 0])
+    across = _unit(_cross(axis, np.where(np.abs(axis[:, 2:]) > 0.9, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
+    over = _cross(axis, across)
+    half = 0.5 * np.broadcast_to(width, len(ends))[:, None, None]
+    ring = half * np.stack([across + over, over - across, -across - over, across - over], axis=1)
+    low, high = ends[:, :1] + ring, ends[:, 1:] + ring
+    sides = np.stack([low, np.roll(low, -1, axis=1), np.roll(high, -1, axis=1), high], axis=2)
+    return flat_quads(material, sides, size=size)
+
+
+@lru_cache(maxsize=2)
+def _tower(material: str) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return beams (k, 2, 3), their widths (k,) and where cables hang (n, 3): ahead, left, up over height."""
+    is_steel = material == "steel"
+    tips = [(0.0, side * reach, up) for up, reach in _ARMS[is_steel] for side in (-1.0, 1.0)]
+    roots = np.array(tips) * (0.0, 0.0, 1.0)
+    beams = [np.stack([roots + np.array([0.0, 0.0, rise]), tips], axis=1) for rise in (0.0, 0.05)]
+    if is_steel:
+        up, half = np.array(_TOWER).T[..., None]
+        corners = zip((1.0, -1.0, -1.0, 1.0), (1.0, 1.0, -1.0, -1.0), strict=True)
+        frame = np.stack([np.hstack([x * half, y * half, up]) for x, y in corners], axis=1)
+        low, high = frame[:-1], frame[1:]
+        for start, end in ((low, high), (low, np.roll(high, 1, axis=1)), (np.roll(low, 1, axis=1), high)):
+            beams.append(np.stack([start, end], axis=2).reshape(-1, 2, 3))
+    else:
+        beams.append(np.array([[(0.0, 0.0, -0.06), (0.0, 0.0, 1.0)]]))
+    widths = np.repeat(_BEAMS[is_steel], [len(each) for each in beams])
+    return np.concatenate(beams), widths, np.array([*tips, (0.0, 0.0, 1.0)])
+
+
+def _power_line_parts(given: LineObject, line: Float64Array, ground: Float64Array) -> list[BuiltPart]:
+    """Return lattice towers with three pairs of arms, or poles with one, and the cables between."""
+    height, material = float(given.values["height"]), str(given.values["material"])
+    beams, widths, tips = _tower(material)
+    ahead = np.gradient(line, axis=0)
+    ahead /= np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
+    axes = np.zeros((len(line), 3, 3))
+    axes[:, 0, :2], axes[:, 1, 0], axes[:, 1, 1], axes[:, 2, 2] = ahead, -ahead[:, 1], ahead[:, 0], 1.0
+    foot = np.column_stack([line, ground])[:, None]
+    ends, span = foot + height * tips @ axes, np.hypot(*np.diff(line, axis=0).T)[:, None]
+    share = np.linspace(0.0, 1.0, 9)[:, None, None]
+    cable = ends[:-1] + share[..., None] * np.diff(ends, axis=0)
+    cable[..., 2] -= 4.0 * _SAG * share * (1.0 - share) * span
+    wires = np.stack([cable[:-1], cable[1:]], axis=-2).reshape(-1, 2, 3)
+    framed = (foot + height * beams.reshape(-1, 3) @ axes).reshape(-1, 2, 3)
+    return [
+        beam_quads(material, framed, np.tile(height * widths, len(line))),
+        beam_quads("steel", wires, _CABLE, size=2.0 * _CABLE),
+    ]
+
+
 STANDING: Final[dict[str, tuple[Callable[[Mapping[str, Any]], float], Callable[..., list[BuiltPart]]]]] = {
     "wall": (
         lambda values: _HEDGE_STEP if values["material"] == "hedge" else _WALL_STEP,
         _wall_parts,
     ),
+    "powerline": (lambda values: float(values["spacing"]), _power_line_parts),
 }
 """What stands along lines, by layer: the distance (m) of its cross-sections, and its parts on ground."""
 

@@ -558,6 +558,27 @@ _ALL: Final = (
         ),
         source_names="farmland fields",
     ),
+    Layer(
+        *("powerline", "Power lines", 15, "standing", "where power lines run, on pylons or poles"),
+        parameter_table(
+            Parameter("height", float, 30.0, 4.0, 200.0, "m", "of pylons"),
+            Parameter("spacing", float, 150.0, 10.0, 1000.0, "m", "from one pylon to the next, at most"),
+            Parameter("material", str, "steel", 0, 10, "", "of pylons, or poles", choices=("steel", "wood")),
+        ),
+        colour=(96, 88, 128),
+        overlay=(255, 120, 60),
+        vectors=("line",),
+        by="material",
+        classes=(
+            style_class("Power line", "steel", colour="#4a4458", width=1.0, dash="10 2.5 0.5 2.5"),
+            style_class("Power line on poles", "wood", colour="#4a4458", width=0.6, dash="10 2.5 0.5 2.5"),
+        ),
+        tags=(
+            TagRule("power", "line"),
+            TagRule("power", "minor_line", {"height": 9.0, "spacing": 50.0, "material": "wood"}),
+        ),
+        source_names="power powerlines",
+    ),
 )
 
 LAYERS: Mapping[str, Layer] = MappingProxyType({layer.name: layer for layer in _ALL})

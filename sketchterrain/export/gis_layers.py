@@ -202,7 +202,7 @@ def _draped(layer: MapLayer, drape: DrapedLayer) -> MapLayer:
 
 
 def write_styles(path: Path, layers: Iterable[MapLayer]) -> None:
-    """Write the styles of a GeoPackage's layers into it, as QML and SLD, where QGIS and GeoServer read them.
+    """Write the styles of a GeoPackage's layers into it, as QML, where QGIS reads it, and SLD.
 
     Of a table with several kinds of geometry only the first kind has one.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,19 +16,18 @@ from sketchterrain.generation.stages import STAGES
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.io.resources import code_digest
+from sketchterrain.landforms.hydrology.streams import joined_streams
 from sketchterrain.landforms.painted_ground import Sources, drafted_ground, ground_without
+from sketchterrain.roads.build import ROAD_LAYERS
 from sketchterrain.schema.materials import MaterialTable
 from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.stages.table import Evaluation
-from sketchterrain.terrain.layers.corridors import CorridorsLayer
-from sketchterrain.terrain.layers.lakes import LakesLayer
+from sketchterrain.terrain.host_heights import Ground
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.pads import PadsLayer
-from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
 from sketchterrain.terrain.layers.roads import RoadsLayer
-from sketchterrain.terrain.layers.sea import SeaLayer
 from sketchterrain.terrain.materials import material_defines
 from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -147,10 +146,12 @@ def evaluation(
     return Evaluation(STAGES, sketch, Runner(memory, checkpoint), progress)
 
 
-def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
-    """Return a quick recipe to show while a stroke goes on: coarse changes of the ground, water as it was.
+def draft_recipes(now: Evaluation, before: Evaluation) -> Iterator[TerrainRecipe]:
+    """Yield quick recipes to show until a stroke's terrain is placed, with roads and land use as they were.
 
-    None where more than a stroke on one layer differs, or the ground by nothing but water, or as a whole.
+    First coarse changes of the ground as it was, with water as it was or, if that is painted, laid out on it;
+    then the final ground and water. None where more than a stroke on one layer differs, or the ground as a
+    whole.
 
     Parameters
     ----------
@@ -158,22 +159,35 @@ def draft_recipe(now: Evaluation, before: Evaluation) -> TerrainRecipe | None:
     """
     recipe: TerrainRecipe = before["recipe"]
     region: Sources = before["region"]
-    ground = recipe[ReliefLayer].painted
-    images = zip(now.sketch.layers.values(), before.sketch.layers.values(), strict=True)
-    strokes = sum(digest_of(image) != digest_of(other) for image, other in images)
+    ground, heights = recipe[ReliefLayer].painted, before["heights"]
+    layers, others = now.sketch.layers, before.sketch.layers
+    strokes = [name for name in layers if digest_of(layers[name]) != digest_of(others[name])]
     # What a first mountain changes of the surroundings waits for the final terrain.
     kinds = {
         digest_of((each["region"].settings, each["region"].base, each["dry"].world)) for each in (before, now)
     }
-    if strokes != 1 or len(kinds) > 1 or ground is None or now["land"] is before["land"]:
-        return None
-    old, new = ((each["land"], each["coarse_ground"].raster) for each in (before, now))
-    drafted = drafted_ground(ground, old, new, region.settings.spacing)
-    kept = (PlateausLayer, LakesLayer, CorridorsLayer, SeaLayer, LandUseLayer, PadsLayer, RoadsLayer)
-    relief = ReliefLayer(UnpaintedNodes(region.beyond), drafted, region.base)
-    dry: TerrainRecipe = now["dry"]
-    draft = dry.with_layers([relief, *(recipe[kind] for kind in kept)])
-    return replace(draft, network=recipe.network, orthophotos=recipe.orthophotos)
+    if len(strokes) != 1 or len(kinds) > 1:
+        return
+
+    def draft(natural: TerrainRecipe) -> TerrainRecipe:
+        built = natural.with_layers([recipe[kind] for kind in (LandUseLayer, PadsLayer, RoadsLayer)])
+        return replace(built, network=recipe.network, orthophotos=recipe.orthophotos)
+
+    if ground is not None and now["land"] is not before["land"]:
+        old, new = ((each["land"], each["coarse_ground"].raster) for each in (before, now))
+        drafted = drafted_ground(ground, old, new, region.settings.spacing)
+        relief = ReliefLayer(UnpaintedNodes(region.beyond), drafted, region.base)
+        heights = Ground(now["bare"].with_layers([relief]), heights.cell)
+    kept = {"heights": heights, "plateaus": before["plateaus"]}
+    if strokes[0] not in ("river", "lake"):
+        kept |= {name: before[name] for name in ("waters", "corridors")}
+        if heights is not before["heights"]:
+            yield draft(now.supposing(kept)["natural"])
+    elif (layout := now["layout"]) is not before["layout"]:
+        kept["streams"] = joined_streams(before["streams"], layout.courses)
+        yield draft(now.supposing(kept)["natural"])
+    if now["surface"] is not before["surface"] and any(len(now.sketch.vectors[name]) for name in ROAD_LAYERS):
+        yield draft(now["natural"])
 
 
 def relief_without(sketch: Sketch, layer: str, memory: Results | None) -> ReliefLayer:

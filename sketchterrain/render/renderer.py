@@ -183,12 +183,14 @@ class Renderer:
         elapsed: float,
         clock: float = 0.0,
         budget: float | None = None,
+        hasty: bool = False,
     ) -> FrameStats:
         """Draw the frame `elapsed` seconds after the last one, from the data loaded by then.
 
         New tiles, light and plants together take at most `budget` seconds (default: the quality's), except in
         the first frame, after the eye jumped and of another terrain; see `TerrainStream.update`. Until the
-        camera rests and no tile is missing, a smaller picture is drawn and enlarged.
+        camera rests and no tile is missing, and while the frame is `hasty`, a smaller picture is drawn and
+        enlarged.
         """
         size, budget = framebuffer.size, self._quality.budget if budget is None else budget
         moves = self._last_camera is None or (camera.eye, camera.target, camera.fov) != (
@@ -203,7 +205,7 @@ class Renderer:
         self.scenery.advance_drapes(elapsed)
         loaded, tiles, light, plants = self._load(clipped, size, elapsed=elapsed, budget=budget)
         complete = loaded and self.scenery.forest.converged
-        follows = self._full_draw_seconds <= FAST_DRAW or self._since_update >= REST
+        follows = self._full_draw_seconds <= FAST_DRAW or (self._since_update >= REST and not hasty)
         full_size = self.stream.tiles.complete and self._rest_seconds >= REST and follows
         self._was_whole = full_size
         scale = 1.0 if full_size else self._scale

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from typing import Any, Final
@@ -89,6 +89,12 @@ class Evaluation:
             self._done += stage.cost if stage.fresh or self._run.count > runs else 0
             self._progress(1.0 - self._left / max(self._left + self._done, 1))
         return self._found[name]
+
+    def supposing(self, results: Mapping[str, Any]) -> Evaluation:
+        """Return the stages of the same sketch if some of them had other results."""
+        other = Evaluation(self._table, self.sketch, self._run)
+        other._found.update(results)
+        return other
 
     def _part(self, reads: Sequence[str]) -> Any:
         """Return the declared fields, and images of layers with their vectors."""

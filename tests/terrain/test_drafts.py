@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import shapely
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.generation.building import draft_recipe, evaluation
+from sketchterrain.features.table import VectorLayer
+from sketchterrain.generation.building import draft_recipes, evaluation
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.layers.relief import ReliefLayer
@@ -28,7 +30,7 @@ def test_a_draft_has_the_new_mountain_and_the_rest_of_the_old_ground(built, cont
     row, column, radius = round(0.88 * side), round(0.12 * side), round(0.06 * side)
     changed = stroke(sketch, "mountain", row, column, radius)
     plan = evaluation(changed, memory)
-    draft = draft_recipe(plan, before)
+    draft = next(draft_recipes(plan, before))
     final = plan["recipe"]
     assert [type(each) for each in draft.layers] == [type(each) for each in final.layers]
     assert draft.rivers == recipe.rivers
@@ -48,19 +50,54 @@ def test_a_draft_has_the_new_mountain_and_the_rest_of_the_old_ground(built, cont
     assert (np.abs(quick - old)[far] > 0.0).mean() < 0.02
 
 
-def test_a_draft_of_the_same_ground_is_none(built):
+@pytest.mark.parametrize("layer", ["river", "lake"])
+def test_a_draft_has_painted_water_where_the_terrain_has_it(built, layer):
+    sketch, memory, before, recipe = built
+    plan = evaluation(
+        stroke(sketch, layer, round(0.75 * sketch.height_px), round(0.2 * sketch.width_px), 5), memory
+    )
+    (draft,) = draft_recipes(plan, before)
+    final = plan["recipe"]
+    assert {each.id for each in draft.rivers if each.label} == {
+        each.id for each in final.rivers if each.label
+    }
+    lakes, finals, old = ({each.id: each for each in of.lakes} for of in (draft, final, recipe))
+    assert lakes.keys() == finals.keys()
+    new = lakes.keys() - old.keys()
+    assert len(new) == (layer == "lake")
+    for name in new:
+        assert lakes[name].level == pytest.approx(finals[name].level, abs=10.0)
+
+
+def test_roads_of_drafts_are_those_of_before_on_the_final_ground(built):
+    sketch, memory = built[:2]
+    line = np.array([[0.1, 0.15], [0.9, 0.2]]) * sketch.size
+    sketch = sketch.replace(
+        vectors={
+            **sketch.vectors,
+            "road": VectorLayer.from_shapes("road", np.array([shapely.LineString(line)])),
+        }
+    )
+    before = evaluation(sketch, memory)
+    network = before["recipe"].network
+    plan = evaluation(stroke(sketch, "hill", 40, 40, 12), memory)
+    *_, draft = draft_recipes(plan, before)
+    assert draft.network is network
+    assert draft[ReliefLayer] is plan["recipe"][ReliefLayer]
+    assert [type(each) for each in draft.layers] == [type(each) for each in plan["recipe"].layers]
+
+
+def test_a_change_of_more_than_a_stroke_has_no_draft(built):
     sketch, memory, before, _ = built
-    river = evaluation(stroke(sketch, "river", 20, 20, 4), memory)
-    assert draft_recipe(river, before) is None
     for setting in ({"fidelity": 0.5}, {"extent": 2.0 * sketch.extent}):
         other = stroke(sketch, "mountain", 20, 20, 9).replace(**setting)
-        assert draft_recipe(evaluation(other, memory), before) is None
+        assert not list(draft_recipes(evaluation(other, memory), before))
 
 
 def test_drafts_keep_all_that_did_not_change(built):
     sketch, memory, before, recipe = built
     plan = evaluation(stroke(sketch, "mountain", 40, 40, 12), memory)
-    old, new = (each[ReliefLayer].painted.levels[0] for each in (recipe, draft_recipe(plan, before)))
+    old, new = (each[ReliefLayer].painted.levels[0] for each in (recipe, next(draft_recipes(plan, before))))
     assert (new.column, new.row) == (old.column, old.row)
     np.testing.assert_array_equal(new.wetness, old.wetness)
     assert np.isnan(new.height).sum() == np.isnan(old.height).sum()
@@ -72,6 +109,6 @@ def test_the_first_stroke_on_an_empty_sketch_has_a_draft(context):
     before = evaluation(sketch, memory)
     recipe = before["recipe"]
     changed = stroke(sketch, "mountain", 32, 32, 9)
-    draft = draft_recipe(evaluation(changed, memory), before)
+    draft = next(draft_recipes(evaluation(changed, memory), before))
     flat, risen = (float(Terrain(sketch, each, context).heights(1024.0, 1024.0)) for each in (recipe, draft))
     assert risen > flat + 50.0

@@ -433,6 +433,11 @@ def test_a_draft_comes_before_a_long_placement(placer):
     assert (draft.version, draft.draft, final.version, final.draft) == (2, True, 2, False)
     assert draft.recipe is not None
     placer.served._policy._expected = 10.0
+    painted = {"mountain": np.maximum(blob(10), blob(14)), "lake": blob(30)}
+    placer.placed(Sketch(extent=2000.0), painted)
+    draft, final = placer.other.receive(), placer.other.receive()
+    assert [len(each.recipe.lakes) for each in (draft, final)] == [1, 1]
+    placer.served._policy._expected = 10.0
     placer.placed(Sketch(extent=2000.0), {"mountain": blob(11), "hill": blob(30)})  # another sketch
     assert not placer.other.receive().draft
 

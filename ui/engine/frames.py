@@ -74,6 +74,7 @@ _REST_INTERVAL: Final = 0.26  # s between frames at rest, while a software rende
 _LOAD: Final = 0.035  # … for so many s at a time
 _JUMP: Final = 0.3  # s for what the first frame of another place shows
 _PROGRESS: Final = 1.0  # s at rest for which frames show what is loaded, before the still starts
+_HASTE: Final = 1.0  # s for which frames are small lest they delay a pending terrain
 _HOLD: Final = (0.3, 0.6)  # s for which refinement, and animation, wait for a pending terrain
 
 
@@ -203,7 +204,11 @@ class FramePacer:
             self._loaded = self._shows_all = at_rest and self._loaded
             self._drawn_at, self._stale, self._settled = now, False, False
             self.clock += elapsed if plays else 0.0
-            self._stats = self.renderer.draw(camera, elapsed=elapsed, clock=self.clock, budget=self._budget)
+            pending = self._pending_since
+            hasty = pending is not None and now - pending < _HASTE
+            self._stats = self.renderer.draw(
+                camera, elapsed=elapsed, clock=self.clock, budget=self._budget, hasty=hasty
+            )
             self._budget = None
             self._moved_at = self._moved_at if at_rest else time.monotonic()
             self._converged, self._size = self._stats.converged, size

@@ -134,7 +134,7 @@ class Placer:
             self._window.send(msg.ErrorReport("sketch", line))
 
     def _place(self, version: int, sketch: Sketch) -> None:
-        from sketchterrain.generation.building import draft_recipe, evaluation
+        from sketchterrain.generation.building import draft_recipes, evaluation
         from sketchterrain.terrain.surfaces import TerrainFeatures
 
         self._policy.start()
@@ -142,13 +142,14 @@ class Placer:
         try:
             stages = evaluation(sketch, self._memory, self._checkpoint, self._show_share)
             if self._policy.shows_drafts and self._last is not None:
-                draft = draft_recipe(stages, self._last)
-                if draft is not None:
+                rest = _REST  # while the stroke goes on, the next draft comes first
+                for draft in draft_recipes(stages, self._last):
                     update = msg.RecipeUpdate(version, sketch, draft, started, time.monotonic(), draft=True)
                     self._engine.send(update)
                     self._policy.drafted()
-                    self._window.has_message(_REST)  # while the stroke goes on, the next draft comes first
+                    self._window.has_message(rest)
                     self._checkpoint()
+                    rest = 0.0
             recipe: TerrainRecipe = stages["recipe"]
         finally:
             if self._reported:

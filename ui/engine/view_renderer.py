@@ -141,14 +141,20 @@ class ViewRenderer:
         return renderer
 
     def draw(
-        self, camera: Camera, *, elapsed: float, clock: float, budget: float | None = None
+        self,
+        camera: Camera,
+        *,
+        elapsed: float,
+        clock: float,
+        budget: float | None = None,
+        hasty: bool = False,
     ) -> FrameStats:
         """Draw a frame; see `Renderer.frame` and `read_pixels`."""
         renderer, terrain = self._renderer, self._terrain
         assert renderer is not None and terrain is not None  # noqa: S101, PT018 # `set_terrain` was called
         self._refinement = None
         framebuffer = self._target.sized((self._view.width, self._view.height))
-        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock, budget=budget)
+        stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock, budget=budget, hasty=hasty)
         self._draw_overlays(camera)
         return stats
 

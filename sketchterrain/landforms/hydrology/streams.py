@@ -127,6 +127,15 @@ def stream_courses(
     return [each for each in found if each is not None]
 
 
+def joined_streams(streams: Sequence[RiverCourse], courses: Sequence[RiverCourse]) -> list[RiverCourse]:
+    """Return those of some streams, parents first, that join some courses, each other or nothing."""
+    known = {id(None), *map(id, courses)}
+    for each in streams:
+        if id(each.parent) in known:
+            known.add(id(each))
+    return [each for each in streams if id(each) in known]
+
+
 def _lake_outlets(flow: Flow) -> dict[int, int]:
     """Return the first node below each lake that no painted river leaves, with the lake's last one."""
     receiver, lake = flow.receiver.ravel(), flow.lake.ravel()

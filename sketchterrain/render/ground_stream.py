@@ -230,8 +230,9 @@ class TerrainStream:
             start = self._timer()
             statistics = self._write(batch)
             seconds = self._timer() - start
-            self.tiles.mark_generated(batch, statistics, seconds=seconds)
-            count, spent = count + len(batch.keys), spent + seconds
+            waited = self.draws is None and not count  # until the kernels were built
+            self.tiles.mark_generated(batch, statistics, seconds=None if waited else seconds)
+            count, spent = count + len(batch.keys), spent + (0.0 if waited else seconds)
             longest = 0.0 if jumped else max(longest, seconds)
         return count, spent
 

@@ -201,6 +201,8 @@ QUALITY = Quality(quads=64, tile_memory=900 * TILE_BYTES)
 class Slow(Waves):
     """Simulated cost: 1.2 ms per batch, 0.4 ms per level, 0.5 ms per tile, with up to 25 % noise."""
 
+    building = 0.0  # s before the next batch
+
     def __init__(self):
         super().__init__()
         self.clock = 0.0
@@ -208,6 +210,7 @@ class Slow(Waves):
 
     def write_tiles(self, keys, slots, parents, store):
         levels = len({key[0] for key in keys})
+        self.clock, self.building = self.clock + self.building, 0.0
         self.clock += (0.0012 + 0.0004 * levels + 0.0005 * len(keys)) * self.rng.uniform(1.0, 1.25)
         return super().write_tiles(keys, slots, parents, store)
 
@@ -263,6 +266,13 @@ def test_a_jump_draws_a_whole_picture_at_once_and_settles_within_a_second(gl, sl
         stats = frame(stream, eye)
         assert not stats.jumped
     assert stats.converged
+
+
+@pytest.mark.gl
+def test_the_first_picture_is_whole_though_kernels_are_built_before_it(gl, slow):
+    stream, slow.building = opened(gl, slow), 30.0
+    frame(stream, (300.0, 200.0, 160.0))
+    assert stream.tiles.complete
 
 
 @pytest.mark.gl

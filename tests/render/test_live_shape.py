@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from sketchterrain.benchmarks.live_shape import PictureShape, columns_alike, still_shape, water_overlap
-from sketchterrain.generation.building import rebuild
+from sketchterrain.document.sketch import Sketch
+from sketchterrain.generation.building import build, rebuild
+from sketchterrain.render import sky
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.offscreen import canvas
+from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import ON_CPU, Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sky import Sun
+from sketchterrain.render.sky import LARGE_WORLD, Sun
 from sketchterrain.render.views import find_view
 from sketchterrain.ui.view3d.camera import overview
 from tests import terrains
@@ -41,6 +43,22 @@ def test_live_views_have_the_silhouettes_and_the_water_of_the_still(camera, leve
             stats = renderer.frame(camera(terrain), framebuffer, elapsed=0.3, budget=60.0)
         assert stats.size == SIZE
         assert_alike(renderer, terrain, camera(terrain))
+
+
+def test_a_large_sketch_seen_as_a_whole_has_twice_the_contrast_of_real_air(monkeypatch):
+    image = np.zeros((64, 64), np.uint8)
+    image[14:24, 12:32] = image[36:44, 28:50] = 1
+    terrain = build(Sketch(extent=65_536.0, layers={"mountain": image}), device=terrains.context())
+    found = []
+    for power in (0.0, LARGE_WORLD[1]):
+        monkeypatch.setattr(sky, "LARGE_WORLD", (LARGE_WORLD[0], power))
+        with canvas(SIZE) as (context, texture, framebuffer):
+            renderer = Renderer(context, terrain, sun=Sun(120.0, 40.0), quality=Quality.for_still(SIZE))
+            renderer.prepare(whole(terrain), SIZE)
+            renderer.draw(whole(terrain), framebuffer)
+            ground = np.isfinite(renderer.shape(whole(terrain), SIZE)[0])
+            found.append((read_picture(texture)[..., :3] @ (0.2126, 0.7152, 0.0722))[ground].std())
+    assert found[1] > 2.0 * found[0]
 
 
 def test_the_first_frame_of_a_changed_terrain_shows_its_shape():

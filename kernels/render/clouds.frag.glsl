@@ -81,14 +81,14 @@ float depth_to_sun(vec3 place, float up, float lod, float far)
     return depth * EXTINCTION;
 }
 
-#if CLOUDS == 2
-// Share of a step by which a pixel's ray starts later: in 2x2 pixels, averaged in sky.frag.glsl.
+// Share of a step by which a pixel's ray starts later: in 2x2 pixels, whose mean is seen (clouds.glsl).
 float step_share(vec2 pixel)
 {
     ivec2 odd = ivec2(pixel) & 1;
     return 0.125 + 0.5 * float(odd.x ^ odd.y) + 0.25 * float(odd.y);
 }
 
+#if CLOUDS == 2
 bool hidden()
 {
     ivec2 size = textureSize(scene_depth_buffer, 0);
@@ -109,8 +109,6 @@ vec3 direction_at(vec2 place)
 }
 #else
 bool hidden() { return false; }
-
-float step_share(vec2 pixel) { return interleaved_noise(pixel); }
 
 // As `dome_clouds` reads it.
 vec3 direction_at(vec2 place)

@@ -36,7 +36,10 @@ vec4 dome_clouds(vec3 direction)
     direction = normalize(vec3(direction.xy, max(direction.z, 0.0)));
     float up = max(CLOUD_BASE + CLOUD_MIDDLE + view_range.y - eye.z, 300.0);
     vec3 seen = normalize(direction * to_layer(up, direction.z) - cloud_origin);
-    vec4 clouds = textureLod(cloud_view, 0.5 + 0.5 * seen.xy / (1.0 + max(seen.z, 0.0)), 0.0);
+    vec2 at = 0.5 + 0.5 * seen.xy / (1.0 + max(seen.z, 0.0)), texel = 0.5 / vec2(textureSize(cloud_view, 0));
+    // The mean of 2x2 rays, which start differently: a single one may be darker than any of a still.
+    vec4 clouds = 0.25 * (textureLod(cloud_view, at + texel, 0.0) + textureLod(cloud_view, at - texel, 0.0)
+        + textureLod(cloud_view, at + vec2(texel.x, -texel.y), 0.0) + textureLod(cloud_view, at + vec2(-texel.x, texel.y), 0.0));
     return share > 0.0 ? mix(vec4(0.0, 0.0, 0.0, 1.0), clouds, share) : vec4(0.0, 0.0, 0.0, 1.0);
 }
 #endif

@@ -179,7 +179,7 @@ class Quality:
     map_texels: int = _by_level(lambda level: 64 * round(4.0 + 8.0 * level))
     """Side of the height maps for shadows and sky visibility, a multiple of 64."""
     light_maps: int = _stepped(2, (0.5, 3))  # maps of the light on the terrain: far and near, and close
-    cloud_steps: int = _by_level(lambda level: 32 + round(64 * level))  # of a ray through the clouds
+    cloud_steps: int = _by_level(lambda level: 64 + round(32 * level))  # of a ray through the clouds
     cloud_texels: int = _stepped(768, (0.5, 0))  # side of the dome; 0: clouds are computed in each picture
     shade_maps: int = _stepped(0, (0.2, 1), (0.5, 2))  # shadow maps of plants: none, far, far and near
     shade_texels: int = _stepped(1024, (0.5, 2048))  # their side

@@ -543,6 +543,8 @@ def test_a_cloud_dome_shows_the_clouds_of_the_picture_after_eye_and_wind_moved(g
     assert np.abs(expected[1] - expected[0]).mean() > 0.3 * clouds  # they moved
     for number in range(2):
         assert np.abs(found[number] - expected[number]).mean() < 0.25 * clouds, number
+        darkest, least = (each[number].mean(axis=-1).min() for each in (expected, found))
+        assert least > darkest - 1.0, number
 
 
 @pytest.mark.gl

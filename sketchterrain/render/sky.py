@@ -150,7 +150,7 @@ HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
 """Extinction by aerosols on a clear day, at the haze's base (1/m)."""
 SMALL_WORLD: Final = 0.25
 """Smallest optical depth of an extent: small worlds, which end near, end in haze too."""
-LARGE_WORLD: Final = (16_384.0, 2.0)
+LARGE_WORLD: Final = (21_000.0, 2.5)
 """Extent (m) beyond which air gets thinner by this power: a large sketch seen as a whole is no fog."""
 SHADED_AIR: Final = 0.4
 """Share of in-scattered light removed in shadow: a little less than the single-scattered sunlight."""

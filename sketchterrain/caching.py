@@ -66,6 +66,12 @@ class LRUCache:
             self._values.move_to_end(key)
             return self._values[key][0]
 
+    def clear(self) -> None:
+        """Forget all values."""
+        with self._lock:
+            self._values.clear()
+            self._bytes = 0
+
     def items(self) -> list[tuple[Any, Any]]:
         """Return the keys and values, the least recently used first."""
         return [(key, value) for key, (value, _) in self._values.items()]

@@ -396,11 +396,11 @@ def _decode(contents: Mapping[str, bytes], place: str, base: Path | None = None)
         for name, values in sketch.materials.items():
             if base is not None and values.get("folder"):
                 picture_files(values["folder"], name)  # raises InputError without pictures
-    from sketchterrain.features.files import decode_vectors  # GDAL
-
     vectors = {}
     for name in VECTOR_LAYERS:
         if f"{name}{_SUFFIX}" in contents:
+            from sketchterrain.features.files import decode_vectors  # GDAL, which takes 90 MB
+
             with prefix_errors(f"{place}/{name}{_SUFFIX}"):
                 vectors[name] = decode_vectors(contents[f"{name}{_SUFFIX}"], name, sketch.frame)
     drapes = sketch.drapes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import signal
@@ -121,6 +122,12 @@ def peak_memory() -> int:
             (peak,) = re.findall(r"^VmHWM:\s*(\d+) kB", status.read_text(encoding="utf-8"), re.MULTILINE)
             return 1024 * int(peak)
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def release_freed_memory() -> None:
+    """Return to the system what the C library keeps of freed memory, if it is glibc."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 _MAX_LINE: Final = 200  # characters of the last line of stderr

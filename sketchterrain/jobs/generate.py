@@ -39,7 +39,7 @@ from sketchterrain.export.vectors import land_facts, write_features
 from sketchterrain.generation.building import stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages
-from sketchterrain.io.system import peak_memory
+from sketchterrain.io.system import peak_memory, release_freed_memory
 from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
 from sketchterrain.jobs.pictures import sketch_weather
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
@@ -253,7 +253,10 @@ def _write_files(
         with stages.stage("plants", "Plants") as progress:
             plants = write_foliage(folder, terrain, area, options.foliage, progress=progress)
         terrain.release_buffers()
-        measured = measure_terrain(terrain, stages)
+        report = terrain_report(terrain, facts, plants) | measure_terrain(terrain, stages)
+        if shared.take_picture is None:  # no other terrain follows; drawing needs most
+            shared.memory.clear()
+            release_freed_memory()
         problem = None
         if options.map is not None:
             with stages.stage("map", "Drawing the map"):
@@ -266,7 +269,6 @@ def _write_files(
                     writer.add("preview.png", write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
-    report = terrain_report(terrain, facts, plants) | measured
     report["notes"] += () if drapes is None else (*drapes.problems, *drapes.notes)
     report |= run_statistics(stages, rendering, files) | {"writing": rounded(writer.seconds)}
     return GenerateResult(report, files, problem)

@@ -5,12 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import find_objects
 
-from sketchterrain.array_types import Float32Array, Float64Array, Int32Array, Int64Array
+from sketchterrain.array_types import Float64Array, Int32Array, Int64Array
 from sketchterrain.host.library import host_function
-from sketchterrain.landforms.drainage import FIRST_ROUNDS, FIRST_UPLIFT
 from sketchterrain.landforms.mesh import CORNER_X, CORNER_Y, SITE_BITS, MeshParameters, MeshTable
-
-DrainedCell = tuple[Float64Array, Float64Array, Float32Array, Float32Array]
 
 
 class CellNodes(NamedTuple):
@@ -44,37 +41,6 @@ def owners(
     away, scratch = np.empty((rows, columns)), np.empty((2, columns))
     host_function("node_places")(mesh, table, level, column, row, place, third, away, scratch)
     return place, third, away
-
-
-def drain_cell(
-    cells: CellNodes,
-    number: int,
-    coarser: Float64Array,
-    corner: tuple[int, int],
-    cell: float,
-    rounds: int,
-    talus: float,
-) -> DrainedCell:
-    """Drain a cell alone, as `drainage.drain` does; return what `_Cell` has of its box.
-
-    Heights (m), heights with talus, areas (m²) and wetness.
-
-    Parameters
-    ----------
-    cells, number : rasters of the level, and the cell's number in them
-    coarser : drained heights (m) of the next coarser level, NaN outside of the cell; empty at the first one
-    corner : row and column of its first node, in nodes of that level
-    cell : spacing of level 0, m
-    rounds : rounds of routing and integrating
-    talus : greatest slope below passes, over that of hillslopes
-    """
-    south, west, north, east = cells.boxes[number].tolist()
-    shape = north - south, east - west
-    drained = np.empty(shape), np.empty(shape), np.empty(shape, np.float32), np.empty(shape, np.float32)
-    first = FIRST_ROUNDS, FIRST_UPLIFT
-    given = cells, number, south, west, coarser, *corner, cell, rounds, *first, talus
-    host_function("drain_cell")(*given, *drained, np.empty((19, shape[0] + 2, shape[1] + 2)))
-    return drained
 
 
 def owner_index(place: Int32Array, stride: int) -> Int64Array:

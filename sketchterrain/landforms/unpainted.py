@@ -24,7 +24,7 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.host.library import host_function
 from sketchterrain.landforms import mesh as meshes
 from sketchterrain.landforms import mesh_nodes, mesh_vertices, relief_fields, wetness
-from sketchterrain.landforms.drainage import BARE_ROUNDS
+from sketchterrain.landforms.drainage import BARE_ROUNDS, FIRST_ROUNDS, FIRST_UPLIFT
 from sketchterrain.landforms.mesh import SIDE, SITE_BITS, MeshTable
 from sketchterrain.landforms.mesh_nodes import CellNodes
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
@@ -271,8 +271,13 @@ class UnpaintedGround:
                 result[site] = self._cells.store((level, *site), _NOTHING)
                 continue
             start = coarser.get(site, _NOTHING)
-            corner, rounds = (start.row, start.column), BARE_ROUNDS[start.levels]
-            fields = mesh_nodes.drain_cell(nodes, number, start.drained, corner, finest, rounds, _TALUS)
+            rows, columns = box[2] - box[0], box[3] - box[1]
+            kinds = np.float64, np.float64, np.float32, np.float32
+            fields = tuple(np.empty((rows, columns), kind) for kind in kinds)
+            given = nodes, number, box[0], box[1], start.drained, start.row, start.column, finest
+            rounds = BARE_ROUNDS[start.levels], FIRST_ROUNDS, FIRST_UPLIFT
+            scratch = np.empty((19, rows + 2, columns + 2))
+            host_function("drain_cell")(*given, *rounds, _TALUS, *fields, scratch)
             if level == 0:  # there is no finer one
                 fields = fields[0][:0].copy(), *fields[1:]
             cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, *fields)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.io.system import release_freed_memory
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped import check_method
 from sketchterrain.render.overlays import Overlay, check_overlays
@@ -185,6 +186,7 @@ class SnapshotRenderer:
             renderer = Renderer(self._context, terrain, quality=quality, resources=resources, **scene)
             renderer.prepare(camera, self._size)
             terrain.release_buffers()  # before drawing, which needs most
+            release_freed_memory()
             renderer.draw(camera, self._framebuffer, once=True)
             picture = read_picture(self._texture)
             if timings is not None:

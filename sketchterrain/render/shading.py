@@ -107,13 +107,11 @@ class Shading:
             self._shade_single_sample(targets, shade, ground, units)
             return
         self._context.enable_only(moderngl.NOTHING)
-        passes = ("shaded", shade, ground), ("sky", self._sky, units), ("upsampled", self._upsample, units)
-        for target, array, uniforms in passes:
-            for _ in bands(getattr(targets, target), parts):
-                _run(array, uniforms)
-                yield
-            if array is shade:
-                targets.end_ground()
+        yield from _run_banded(targets.shaded, shade, ground, parts)
+        targets.release_weights()
+        yield from _run_banded(targets.sky, self._sky, units, parts)
+        targets.add_scene()
+        yield from _run_banded(targets.upsampled, self._upsample, units, parts)
 
     def _shade_single_sample(
         self,
@@ -156,6 +154,14 @@ class Shading:
 def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
     set_uniforms(array.program, uniforms)
     array.render(vertices=3)
+
+
+def _run_banded(
+    target: moderngl.Framebuffer, array: moderngl.VertexArray, uniforms: dict[str, object], parts: int
+) -> Iterator[None]:
+    for _ in bands(target, parts):
+        _run(array, uniforms)
+        yield
 
 
 def _strata_uniforms(strata: Strata, eye: tuple[float, float, float]) -> dict[str, object]:

@@ -11,6 +11,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.io.system import release_freed_memory
 from sketchterrain.render.programs import FRAME_BINDING, Textures, clamped, fullscreen_pass, set_uniforms
 
 
@@ -47,11 +48,16 @@ class RenderTargets:
             self.shaded = context.framebuffer([self.textures["shaded"]])
             self.sky = context.framebuffer([self.textures["sky"]])
         if not self._once:
-            self._add_scene()
+            self.add_scene()
         if samples == 1:
             self.textures["gbuffer_depth"] = self.copy_depth
 
-    def _add_scene(self) -> None:
+    def add_scene(self) -> None:
+        """Add what follows the shading of the ground, unless it is there."""
+        if "scene" in self.textures:
+            return
+        if self._once:
+            release_freed_memory()
         context = self._context
         colour, copy_colour = (clamped(context.texture(self.sample_size, 4, dtype="f2")) for _ in range(2))
         self.copy_depth = _depth(context, self.sample_size)
@@ -67,14 +73,13 @@ class RenderTargets:
             "tonemapped": tonemapped,
         }
 
-    def end_ground(self) -> None:
-        """Replace the weights by the scene, if there is one picture only; the ground is shaded."""
+    def release_weights(self) -> None:
+        """Release the weights of a picture drawn once: the ground is shaded."""
         if self._once:
             self.gbuffer.release()
             for weights in self._weights:
                 weights.release()
             del self.textures["gbuffer_weights"]
-            self._add_scene()
 
     def copy_scene(self) -> None:
         """Copy radiance and depth of the scene, for passes that read and overwrite them."""

@@ -395,6 +395,12 @@ def test_superseded_work_is_cancelled_unless_short_or_half_done_and_never_twice_
     newer.append(1)
     policy.checkpoint()
     assert policy.finish() == pytest.approx(0.26)
+    newer.clear()
+    assert policy.shows_drafts
+    assert attempt(policy, clock, 0.01)
+    assert policy.shows_drafts  # a short placement is no measure of the next one
+    assert all(attempt(policy, clock, 0.01) for _ in range(9))
+    assert not policy.shows_drafts
 
 
 @pytest.fixture

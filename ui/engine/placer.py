@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _DRAFT_AFTER: Final = 0.2  # s; a placement expected to take longer is shown as a draft first
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
+_FADING: Final = 0.8  # of the slowest placement, by the next one
 _REST: Final = 0.06  # s without a newer sketch, after which a draft is followed by the final terrain
 
 
@@ -38,7 +39,7 @@ class CancellationPolicy:
 
     def __init__(self, is_superseded: Callable[[], bool]) -> None:
         self._is_superseded = is_superseded
-        self._expected = 0.0
+        self._expected = self._slowest = 0.0
         self._started = 0.0
         self._cancelled_last = False
 
@@ -57,8 +58,8 @@ class CancellationPolicy:
 
     @property
     def shows_drafts(self) -> bool:
-        """Whether placements take long enough for a draft."""
-        return self._expected > _DRAFT_AFTER
+        """Whether placements may take long enough for a draft, whatever the last one took."""
+        return max(self._expected, self._slowest) > _DRAFT_AFTER
 
     def drafted(self) -> None:
         """Note that a draft is shown: from now on any newer sketch cancels the placement."""
@@ -67,6 +68,7 @@ class CancellationPolicy:
     def finish(self) -> float:
         """Record and return the duration of the finished placement, s."""
         self._expected = time.monotonic() - self._started
+        self._slowest = max(self._expected, _FADING * self._slowest)
         self._cancelled_last = False
         return self._expected
 

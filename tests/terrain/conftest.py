@@ -14,6 +14,7 @@ from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.generation.stages import STAGES, with_network
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io import resources
 from sketchterrain.io.resources import Defines
 from sketchterrain.landforms.base_ground import BaseGround
@@ -31,6 +32,7 @@ from sketchterrain.landforms.placement.sea import Sea
 from sketchterrain.landforms.unpainted import Nodes
 from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.stages.runner import Results, Runner
+from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
@@ -140,6 +142,60 @@ def assert_same(one, other, *, parents=False) -> None:
     """Assert that two tiles or rasters are bit-equal."""
     for name in ("height", "normal", "materials", *(("parent_height", "parent_normal") if parents else ())):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def heights_at(recipe: TerrainRecipe, context: ComputeContext, x: Any, y: Any, cell: float = 0.0) -> Any:
+    """Return heights (m) at positions (m) that are broadcast together."""
+    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    lattice = to_lattice(x.ravel(), recipe.extent), to_lattice(y.ravel(), recipe.extent)
+    return Evaluator(recipe, context).points(*lattice, cell_size=cell)[0].reshape(x.shape)
+
+
+def tile_vertices(level: int, key: tuple[int, int]) -> list[np.ndarray]:
+    """Return lattice x and y of a tile's vertices."""
+    side = (1 << 24) >> level
+    step = np.arange(65) * (side >> 6)
+    return [each.ravel() for each in np.meshgrid(key[0] * side + step, key[1] * side + step[::-1])]
+
+
+def assert_tiles_meet(evaluator: Evaluator, level: int, keys: list[tuple[int, int]], again: Evaluator) -> Any:
+    """Assert that borders of tiles are bit-equal, and that points and other launches have the same bits."""
+    surface, bounds = evaluator.tiles(keys, level)
+    number = {key: index for index, key in enumerate(keys)}
+    for (column, row), index in number.items():
+        beside = ((column + 1, row), np.s_[:, -1], np.s_[:, 0]), ((column, row + 1), np.s_[0], np.s_[-1])
+        for other, mine, its in (each for each in beside if each[0] in number):
+            for values in (surface.height, surface.normal, surface.materials):
+                np.testing.assert_array_equal(values[index][mine], values[number[other]][its])
+    for start in range(0, len(keys), 13):
+        part, own = again.tiles(keys[start : start + 13][::-1], level)
+        np.testing.assert_array_equal(part.ground[::-1], surface.ground[start : start + 13])
+        np.testing.assert_array_equal(own[::-1], bounds[start : start + 13])
+    for key in keys[::17]:
+        height, _ = again.points(*tile_vertices(level, key), cell_size=again.recipe.extent / (64 << level))
+        np.testing.assert_array_equal(height, surface.height[number[key]].ravel())
+    return surface
+
+
+def assert_bounds_hold(evaluator: Evaluator, level: int, keys: list[tuple[int, int]]) -> None:
+    """Assert that what a tile's cell size omits is within its bound at all vertices."""
+    surface, bounds = evaluator.tiles(keys, level)
+    for key, own, bound in zip(keys, surface.height, bounds, strict=True):
+        full, _ = evaluator.points(*tile_vertices(level, key), cell_size=0.0)
+        assert np.abs(own.ravel() - full).max() <= bound + 1e-3, (level, key)
+
+
+def assert_changed_within(
+    areas: Any, evaluators: tuple[Evaluator, Evaluator, Evaluator], x: Any, y: Any, cell: float, wider: float
+) -> None:
+    """Assert that an updated evaluator equals a new one, and differs from the old one in areas (m) only."""
+    updated, fresh, old = (each.points(x, y, cell_size=cell) for each in evaluators)
+    at = np.stack([x, y], axis=-1) * evaluators[0].recipe.world.unit
+    low, high = np.reshape(areas, (-1, 2, 2)).swapaxes(0, 1)
+    inside = ((at[:, None] >= low - wider) & (at[:, None] <= high + wider)).all(axis=2).any(axis=1)
+    for one, two, before in zip(updated, fresh, old, strict=True):
+        np.testing.assert_array_equal(one, two)
+        assert not ((one != before).reshape(len(x), -1).any(axis=1) & ~inside).any()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -98,13 +98,19 @@ def test_shares_are_the_areas_of_texels_inside() -> None:
 
 
 def test_neighbours_leave_no_gap_and_do_not_overlap() -> None:
-    paint = appearance(partition(300, 4, at=(24.0, 24.0)))
-    for level, place in itertools.product((-1, 1, 4, 7), ((500.0, 500.0), (777.0, 333.0))):
-        key = (level, *(int(part // (EXTENT / 2.0**level)) for part in place))
-        share = paint.tiles([key])[0, ..., 3]
-        whole = texels_within(key, 24.0, 24.0, 1024.0, 1024.0)
-        assert whole.sum() > 100
-        assert np.abs(share[whole].astype(int) - MEADOW).max() <= 1, key
+    """Of any form; and a hundred thousand curves in a tile."""
+    x, y = (each.ravel() for each in np.meshgrid(*2 * [1100.0 + 1.5 * np.arange(160)]))
+    for areas, bounds, levels in (
+        (partition(300, 4, at=(24.0, 24.0)), (24.0, 24.0, 1024.0, 1024.0), (-1, 1, 4, 7)),
+        (shapely.box(x, y, x + 1.5, y + 1.5), (1100.0, 1100.0, 1340.0, 1340.0), (0, 2)),
+    ):
+        paint = appearance(areas)
+        for level, part in itertools.product(levels, (0.5, 0.75)):
+            place = bounds[0] + part * (bounds[2] - bounds[0]), bounds[3] - part * (bounds[3] - bounds[1])
+            key = (level, *(int(each // (EXTENT / 2.0**level)) for each in place))
+            share, whole = paint.tiles([key])[0, ..., 3], texels_within(key, *bounds)
+            assert whole.sum() > 50
+            assert np.abs(share[whole].astype(int) - MEADOW).max() <= 1, key
 
 
 def test_the_higher_of_two_overlapping_areas_is_on_top() -> None:
@@ -301,17 +307,6 @@ def test_texels_far_from_the_origin_are_as_exact() -> None:
     assert np.abs(shares[0] - shares[1]).max() <= 1
 
 
-def test_a_hundred_thousand_curves_in_a_tile() -> None:
-    side = 1.5
-    x, y = np.meshgrid(1100.0 + side * np.arange(160), 1100.0 + side * np.arange(160))
-    paint = appearance(shapely.box(x.ravel(), y.ravel(), x.ravel() + side, y.ravel() + side))
-    for key in ((0, 0, 0), (2, 1, 1)):
-        share = paint.tiles([key])[0, ..., 3]
-        whole = texels_within(key, 1100.0, 1100.0, 1340.0, 1340.0)
-        assert whole.sum() > 50
-        assert np.abs(share[whole].astype(int) - MEADOW).max() <= 1, key
-
-
 def test_an_edit_gives_the_texels_of_a_new_appearance() -> None:
     """Outside of the areas that it reports no texel changes."""
     areas = partition(80, 3)
@@ -393,10 +388,3 @@ def test_photographs_lie_beneath_what_is_painted() -> None:
     on_road = paint.window(1500.0, 1320.3, cell=(0.5, 0.5), columns=10, rows=2)
     assert (on_road[..., 0] < 110).all()
     assert paint.occupied([(4, 4, 4), (4, 15, 15)]).tolist() == [True, False]
-
-
-def test_nothing_is_painted_without_vectors() -> None:
-    paint = appearance()
-    assert paint.is_empty
-    assert not paint.occupied([(0, 0, 0)]).any()
-    assert not paint.tiles([(0, 0, 0), (9, 3, 3)]).any()

@@ -136,22 +136,6 @@ def test_octaves_set_in_smoothly_where_the_resolution_changes() -> None:
     assert quarter_bend < 0.35 * half_bend
 
 
-def test_longer_waves_than_the_resolution_are_left_to_the_data() -> None:
-    """On constant slopes detail is as good as 0 on average over squares of two resolutions."""
-    detail = BaseDetail(LAW)
-    scale = detail.scale(LAW, None, WORLD)
-    step = np.arange(64) * (LAW.resolution / 16) / WORLD.unit
-    rng = np.random.default_rng(4)
-    means, values = [], []
-    for corner in rng.integers(0, 1 << 24, (20, 2)):
-        x, y = (each.ravel().astype(np.int64) for each in np.meshgrid(corner[0] + step, corner[1] + step))
-        z = ValueSlope(0.0 * x, np.full(x.shape, 0.3), np.full(x.shape, 0.2))
-        found = detail.heights(HostSite(sampling_of(detail, 2.0), x, y), z, scale)
-        means.append(found.mean())
-        values.append(found.std())
-    assert np.std(means) < 0.15 * np.mean(values)
-
-
 @pytest.mark.parametrize("cell", [0.5, 8.0, 30.0, 200.0])
 def test_omitted_detail_is_bounded(cell) -> None:
     detail, (x, y, z, data) = BaseDetail(LAW), points(3000)

@@ -145,13 +145,6 @@ def beside():
     return build(painted(), Waves(rim=5000.0))
 
 
-def test_nothing_is_added_to_data_where_nothing_is_painted():
-    built = build(painted())
-    inside = ~np.isnan(built.nodes.height)
-    assert np.all(built.nodes.height[inside] == 0.0)
-    assert np.array_equal(built.total, built.before, equal_nan=True)
-
-
 def test_towards_the_rim_of_data_nodes_hold_the_share_of_procedural_ground(beside):
     bare = ground_of(region_of(None), beside.land).raster.levels[0].height
     at = 0, beside.nodes.column, beside.nodes.row, *bare.shape
@@ -256,16 +249,6 @@ def test_relief_without_a_layer_is_the_data_and_the_other_layer(mountain):
         assert left[inside & (others > 2.3)].max() < 1.0
 
 
-def test_ground_has_the_same_bits_whatever_was_built_before_and_wherever_data_end(mountain):
-    shapes = ("mountain", 1, MIDDLE, RADIUS), ("hill", 1, (9500.0, 9500.0), 900.0)
-    labels = {("mountain", 1): {"height": 500.0}, ("hill", 1): {"height": 100.0}}
-    run = Runner()
-    build(painted(("mountain", 1, (3000.0, 3000.0), RADIUS)), run=run)
-    again = build(painted(*shapes, labels=labels), Waves(rim=-1e6), run=run)
-    assert again.nodes.height.tobytes() == mountain.nodes.height.tobytes()
-    assert again.nodes.wetness.tobytes() == mountain.nodes.wetness.tobytes()
-
-
 def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mountain, beside):
     region = region_of(Waves(rim=5000.0))
     flow = grounds.painted_flow(region, ground_of(region, beside.land), DRY, RUN)
@@ -273,21 +256,6 @@ def test_streams_are_barred_by_data_and_rock_is_theirs_under_painted_rock(mounta
     assert np.array_equal(flow.barred, x > 5000.0)
     core = np.hypot(mountain.x - MIDDLE[0], mountain.y - MIDDLE[1]) < 0.5 * RADIUS
     assert mountain.nodes.rock[core].min() == 255
-
-
-def test_drafts_show_coarse_changes_over_data(mountain):
-    region, lands = region_of(Waves()), (land_of(painted()), mountain.land)
-    coarse = [ground_of(region, land, levels=grounds.COARSE).raster for land in lands]
-    full = [ground_of(region, land).raster for land in lands]
-    draft = (
-        grounds.drafted_ground(full[0], (lands[0], coarse[0]), (lands[1], coarse[1]), SPACING)
-        .levels[0]
-        .height
-    )
-    inside = ~np.isnan(draft)
-    aimed, shown = full[1].levels[0].height[inside], draft[inside]
-    assert shown.max() == pytest.approx(aimed.max(), rel=0.2)
-    assert np.abs(shown - aimed)[aimed == 0.0].mean() < 1.0
 
 
 def test_coarser_nodes_fit_their_own_weights_of_the_data(beside):

@@ -18,7 +18,7 @@ from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.recipe import TerrainRecipe
 
-from .conftest import Waves, base_of, grid_of, small_base
+from .conftest import Waves, assert_bounds_hold, assert_tiles_meet, base_of, grid_of, small_base
 
 LEVEL, KEYS = 3, [(column, row) for column in range(8) for row in range(8)]
 
@@ -44,14 +44,11 @@ def test_samples_are_kept(make_recipe, context) -> None:
     assert np.abs(height - grid.samples[row, column].ravel()).max() <= 1e-3
 
 
-def test_bits_depend_neither_on_launches_nor_on_slots(recipe, context, monkeypatch) -> None:
-    whole, bounds = Evaluator(recipe, context).tiles(KEYS, LEVEL)
+def test_tiles_meet_and_equal_points_whatever_the_launches_and_slots(recipe, context, monkeypatch) -> None:
+    whole = Evaluator(recipe, context)
+    whole.tiles(KEYS, LEVEL)
     monkeypatch.setattr(base_layer, "SLOTS", 6)
-    few = Evaluator(recipe, context)
-    for start in range(0, len(KEYS), 8):
-        part, own = few.tiles(KEYS[start : start + 8], LEVEL)
-        assert np.array_equal(part.ground, whole.ground[start : start + 8])
-        assert np.array_equal(own, bounds[start : start + 8])
+    assert_tiles_meet(whole, LEVEL, KEYS, Evaluator(recipe, context))
 
 
 def test_bits_do_not_depend_on_the_order_of_grids(recipe, context, base) -> None:
@@ -63,18 +60,6 @@ def test_bits_do_not_depend_on_the_order_of_grids(recipe, context, base) -> None
     for cell in (0.0, 60.0, 200.0):
         one, two = (Evaluator(each, context).points(x, y, cell_size=cell)[0] for each in (recipe, changed))
         assert one.tobytes() == two.tobytes()
-
-
-def test_tiles_meet_and_equal_points(recipe, context) -> None:
-    surface, _ = Evaluator(recipe, context).tiles([(3, 3), (4, 3)], LEVEL)
-    west, east = surface.height
-    assert np.array_equal(west[:, -1], east[:, 0])
-    side = (1 << 24) >> LEVEL
-    at = 3 * side + np.arange(65) * (side >> 6)
-    x, y = (each.ravel() for each in np.meshgrid(at, at[::-1]))
-    cell = 4096.0 / (64 << LEVEL)
-    height, _ = Evaluator(recipe, context).points(x, y, cell_size=cell)
-    assert np.array_equal(height.reshape(65, 65), west)
 
 
 def test_there_is_no_step_where_the_data_end(recipe, context, base) -> None:
@@ -93,16 +78,9 @@ def test_there_is_no_step_where_the_data_end(recipe, context, base) -> None:
 
 
 def test_bounds_hold_of_what_a_cell_size_omits(recipe, context) -> None:
-    evaluator = Evaluator(recipe, context)
     for level, wide in ((1, 2), (3, 6), (5, 4)):
         keys = [(column, row) for column in range(wide) for row in range(wide)]
-        surface, bounds = evaluator.tiles(keys, level)
-        side = (1 << 24) >> level
-        step = np.arange(65) * (side >> 6)
-        for (column, row), own, bound in zip(keys, surface.height, bounds, strict=True):
-            x, y = (each.ravel() for each in np.meshgrid(column * side + step, row * side + step[::-1]))
-            full, _ = evaluator.points(x, y, cell_size=0.0)
-            assert np.abs(own.ravel() - full).max() <= bound + 1e-3, (level, column, row)
+        assert_bounds_hold(Evaluator(recipe, context), level, keys)
 
 
 def test_other_data_change_everything(recipe, base) -> None:

@@ -95,16 +95,6 @@ def test_double_kernel_equals_host_evaluation(case, double_context) -> None:
             np.testing.assert_allclose(masks[:, number], getattr(expected, mask), atol=2e-6, rtol=0)
 
 
-def test_noise_is_continuous_across_cells(make_recipe, context) -> None:
-    """Along a line in steps of one lattice unit the height never jumps."""
-    recipe = make_recipe()
-    start = 7_340_032  # a corner of many octaves' cells, less a few thousand units
-    x = np.arange(start - 4000, start + 4000)
-    height, _ = Evaluator(recipe, context).points(x, np.full(x.size, start), cell_size=0.0)
-    # A slope of 2 over one unit of 0.244 mm, and a float32 step at some 20 m.
-    assert np.abs(np.diff(height)).max() < 2 * 4096 / 2**24 + 4e-6
-
-
 HEIGHT_M = 1e-3
 NORMAL_DEGREES = 0.1
 EXTENT = 32768.0
@@ -321,15 +311,3 @@ def test_a_shifted_recipe_gives_the_same_terrain(shift, make_recipe, shift_noise
 @tiers("shift", [(19 * PERIOD, -20 * PERIOD)], [(PERIOD, 0)])
 def test_dunes_shift_by_their_periods(shift, make_recipe, shift_noise, context) -> None:
     compare(complete_recipe(make_recipe, "dune", "hill"), shift, shift_noise, context)
-
-
-def test_detail_goes_down_to_a_tenth_of_a_metre(make_recipe, context) -> None:
-    """Along a line of cells of 0.1 m, far away, there are waves of half a metre, and no steps."""
-    x = FAR + np.arange(8192) * 409
-    height, _ = Evaluator(make_recipe(), context).points(x, np.full(x.size, -FAR), cell_size=0.1)
-    fine = height - Evaluator(make_recipe(), context).points(x, np.full(x.size, -FAR), cell_size=1.0)[0]
-    power = np.abs(np.fft.rfft(fine * np.hanning(fine.size))) ** 2
-    wavelength = 409 * UNIT * fine.size / np.maximum(np.arange(power.size), 0.5)
-    of_detail = power[(wavelength > 0.4) & (wavelength < 1.0)].sum()
-    assert of_detail > 20 * power[wavelength < 0.25].sum()
-    assert 1e-4 < np.abs(fine).max() < 0.2

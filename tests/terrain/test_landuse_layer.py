@@ -10,7 +10,6 @@ import shapely
 
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.geometry.box_index import BoxIndex
-from sketchterrain.landforms.placement.feature_types import Lake
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.schema.layers import CROPS
 from sketchterrain.schema.materials import MATERIALS
@@ -25,7 +24,7 @@ from sketchterrain.vegetation.plants import SPECIES
 from tests.devices import each_other_device
 from tests.sample_roads import sketch_with
 
-from .conftest import with_roads
+from .conftest import assert_changed_within, assert_tiles_meet, lake, with_roads
 
 EXTENT, UNIT = 4096.0, 4096.0 / 2**24
 WORLD = WorldSettings(EXTENT, 0, 0.0)
@@ -201,16 +200,7 @@ def test_vertices_on_borders_and_corners_of_tiles_have_one_value(bare, context) 
     ]
     recipe = with_land(bare, areas(*given, *many))
     keys = [(column, row) for column in range(19, 28) for row in range(19, 28)]
-    surface, _ = Evaluator(recipe, context).tiles(keys, level)
-    number = {key: index for index, key in enumerate(keys)}
-    for (column, row), index in number.items():
-        east, north = number.get((column + 1, row)), number.get((column, row + 1))
-        if east is not None:
-            assert np.array_equal(surface.materials[index][:, -1], surface.materials[east][:, 0])
-        if north is not None:
-            assert np.array_equal(surface.materials[index][0], surface.materials[north][-1])
-    alone, _ = Evaluator(recipe, context).tiles(keys[40:41], level)
-    assert np.array_equal(alone.materials[0], surface.materials[40])
+    surface = assert_tiles_meet(Evaluator(recipe, context), level, keys, Evaluator(recipe, context))
     assert len(np.unique(surface.materials)) > 100
 
 
@@ -273,28 +263,6 @@ def test_narrow_areas_fade_out(bare, context) -> None:
     assert len(layer.listed(np.array([[0, 0, 1 << 24, 1 << 24]]), 0.1, WORLD)[0]) == 1
 
 
-def test_many_small_areas_of_a_block_cost_nothing_where_they_cannot_be_seen(bare, context) -> None:
-    count = 320
-    place = (
-        np.stack(np.meshgrid(np.arange(count), np.arange(count)), axis=-1).reshape(-1, 1, 2) * 3.0 + 1500.0
-    )
-    corners = (np.array(SQUARE) * 3.0)[None] + place
-    edges = np.concatenate([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 4)
-    number = count * count
-    columns = [np.full(number, value) for value in (-1.0, 1.0, -1.0)]
-    use = np.full(number, FOREST, np.uint8)
-    land = LandUse(
-        np.arange(number), use, use * 0, *columns, np.zeros(number), np.arange(number + 1) * 4, edges
-    )
-    layer = LandUseLayer(MATERIALS, land)
-    block = np.array([[0, 0, 1 << 24, 1 << 24]])
-    assert [len(layer.listed(block, cell, WORLD)[0]) for cell in (0.5, 1.6)] == [number, 0]
-    evaluator, (x, y) = Evaluator(with_land(bare, land), context), grid(1510, 1510, 900)
-    for cell, expected in ((0.5, 1.0), (64.0, 0.0)):
-        _, masks = evaluator.points(x, y, cell_size=cell)
-        assert np.abs(masks[:, FOREST_MASK] - expected).max() < 1e-5
-
-
 def test_materials_by_use_and_crop(bare, context) -> None:
     """Whole cells of a ploughed field are soil; roads and pads come later; none in a lake."""
     evaluator = Evaluator(with_land(bare, SCENE), context)
@@ -326,11 +294,9 @@ def test_a_road_lies_on_a_field(make_recipe, context) -> None:
 
 
 def test_no_field_is_in_water(make_recipe, context) -> None:
-    from .test_foliage import lake
-
-    water: Lake = lake(2000, 2000, 80, 10.0, spacing=5.0)
     recipe = with_land(
-        make_recipe(lakes=(water,)), areas(square(1800, 1800, 400, use=FIELD, crop=CROPS.index("ploughed")))
+        make_recipe(lakes=(lake(2000, 2000, 80, 10.0, spacing=5.0),)),
+        areas(square(1800, 1800, 400, use=FIELD, crop=CROPS.index("ploughed"))),
     )
     line = np.rint((np.arange(-60, 61) * 2.0)[None] / UNIT).astype(np.int64) + round(2000 / UNIT)
     surface = Evaluator(recipe, context).surface(line, line[:, ::-1], cell_size=2.0)
@@ -372,17 +338,7 @@ def test_updates_equal_new_terrains_and_change_their_areas_only(bare, context) -
         fresh = Evaluator(recipe, context)
         assert np.array_equal(new.tiles(keys, 6)[0].materials, fresh.tiles(keys, 6)[0].materials), number
         for cell in (0.0, 6.0):
-            found, expected, before = (each.points(x, y, cell_size=cell)[1] for each in (new, fresh, old))
-            assert np.array_equal(found, expected), number
-            inside = np.zeros(len(x), np.bool_)
-            for west, south, east, north in boxes:
-                inside |= (
-                    (x * UNIT >= west - cell)
-                    & (x * UNIT <= east + cell)
-                    & (y * UNIT >= south - cell)
-                    & (y * UNIT <= north + cell)
-                )
-            assert not ((found != before).any(axis=1) & ~inside).any(), number
+            assert_changed_within(boxes, (new, fresh, old), x, y, cell, cell)
         old = new
 
 

@@ -13,10 +13,7 @@ from sketchterrain.landforms import mesh_nodes
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
 from sketchterrain.landforms.unpainted import UnpaintedGround, unpainted_ground
 
-from .conftest import tiers
-
 SETTINGS = UnpaintedSettings(7680.0, 3, mountain_density=0.04, hill_density=0.2)
-FAR = round(1e6 / SETTINGS.spacing)
 CORNERS = [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]]
 """Corners of quads in each triangle, by diagonal and half."""
 SIDES = [[(0, 1, 4), (2, 3, 4)], [(0, 3, 4), (2, 1, 4)]]
@@ -38,30 +35,6 @@ def test_cells_tile_the_plane_and_are_as_large_as_a_lattice_square(ground):
     inner = count[7:13, 7:13]
     assert (inner > 0).all()
     assert np.mean(inner) == pytest.approx(32**2, rel=0.1)
-
-
-def test_every_triangle_is_turned_the_same_way(ground):
-    x, y, diagonal = meshes.lattice_sites(ground.mesh, -100, 300, 60, 60)
-    for j in range(60):
-        for i in range(60):
-            for half in range(2):
-                corners = CORNERS[diagonal[j, i]][half]
-                at = [
-                    (meshes.CORNER_X[c] + x[j + meshes.CORNER_Y[c], i + meshes.CORNER_X[c]],
-                     meshes.CORNER_Y[c] + y[j + meshes.CORNER_Y[c], i + meshes.CORNER_X[c]])
-                    for c in corners
-                ]  # fmt: skip
-                (ax, ay), (bx, by), (cx, cy) = at
-                assert (bx - ax) * (cy - ay) - (cx - ax) * (by - ay) > 0.0
-
-
-def test_vertex_tables_do_not_depend_on_their_rectangle(ground):
-    whole = ground.table(-40, -40, 80, 80)
-    other = UnpaintedGround(SETTINGS)
-    part = other.table(-7, 11, 13, 19)
-    for name in ("site_x", "site_y", "diagonal", "height", "receiver", "upstream", "relief"):
-        a, b = getattr(whole, name), getattr(part, name)
-        assert np.array_equal(a[51 : 51 + b.shape[0], 33 : 33 + b.shape[1]], b), name
 
 
 def _neighbour(table, row, column, half, side):
@@ -117,37 +90,6 @@ def test_edges_are_monotone_in_valleys_and_rise_to_one_pass_elsewhere(ground):
                     else:
                         assert (np.diff(np.sign(profile)) > 0).sum() == 0  # no second rise
     assert valleys > 250
-
-
-def _pairs(count, level, seed):
-    """Yield two overlapping windows, half of them 1 000 km away."""
-    rng = np.random.default_rng(seed)
-    for number in range(count):
-        far = FAR >> level if number % 2 else 0
-        column, row = rng.integers(-300, 300, 2) + far * rng.choice([-1, 1], 2)
-        size = rng.integers(1, 40, (2, 2))
-        shift = rng.integers(-10, 10, 2)
-        yield (int(column), int(row), *map(int, size[0])), (
-            int(column + shift[0]), int(row + shift[1]), *map(int, size[1])
-        )  # fmt: skip
-
-
-@tiers("level", [0, 3, 5], [1, 2, 4, 7])
-def test_overlapping_windows_are_bit_equal(level, ground):
-    second = UnpaintedGround(SETTINGS)
-    for one, other in _pairs(5, level, level):
-        a = ground.window(level, *one)
-        b = second.window(level, *other)
-        west, south = max(one[0], other[0]), max(one[1], other[1])
-        east, north = min(one[0] + one[3], other[0] + other[3]), min(one[1] + one[2], other[1] + other[2])
-        if west >= east or south >= north:
-            continue
-        for x, y in zip(a, b, strict=True):
-            assert np.array_equal(
-                x[south - one[1] : north - one[1], west - one[0] : east - one[0]],
-                y[south - other[1] : north - other[1], west - other[0] : east - other[0]],
-            )
-            assert np.isfinite(x).all()
 
 
 def test_threads_and_evicted_cells_change_no_bit(ground):
@@ -247,15 +189,6 @@ def test_surroundings_are_as_high_as_asked_at_every_level(level):
     assert plain.rock.max() == 0.0 < 0.1 < surrounded.rock.mean() < 0.7
 
 
-def test_valleys_between_cells_drain_what_lies_upstream(ground):
-    nodes = ground.window(1, 600, 600, 200, 200)
-    cell = (SETTINGS.extent / 4) ** 2
-    assert nodes.area.max() > 5 * cell
-    assert np.median(nodes.area) < 0.01 * cell
-    wet = nodes.area > 2 * cell
-    assert np.median(nodes.height[wet]) < np.percentile(nodes.height, 35)
-
-
 def test_levels_agree(ground):
     finest = ground.window(0, 2048, 1024, 512, 512).height
     relief = np.ptp(np.percentile(finest, (1, 99)))
@@ -264,22 +197,6 @@ def test_levels_agree(ground):
         difference = coarse - finest[:: 1 << level, :: 1 << level]
         assert np.sqrt((difference**2).mean()) <= share * relief
         assert abs(difference.mean()) <= 0.08 * relief
-
-
-def test_flat_ground_without_features_is_flat():
-    height = UnpaintedGround(UnpaintedSettings(1000.0, 1, relief=0.0)).window(0, 0, 0, 64, 64).height
-    assert np.ptp(height) < 0.5
-
-
-def test_more_mountains_raise_more_ground():
-    share = [
-        UnpaintedGround(UnpaintedSettings(7680.0, 2, mountain_density=density))
-        .window(5, -100, -100, 200, 200)
-        .rock.mean()
-        for density in (0.0, 0.02, 0.1)
-    ]
-    assert share[0] == 0.0
-    assert 0.05 < share[1] < 0.25 < share[2] < 0.7
 
 
 def test_settings_are_those_of_a_sketch():

@@ -124,34 +124,18 @@ def shuffled_tiles(origin: int, side: int, cuts: int) -> list[Area]:
     return tiles
 
 
-@tiers(("origin", "cuts"), [(FAR, 4)], [(PLACES[1], 16), (PLACES[3], 1)])
-def test_points_are_a_function_of_the_world(origin, cuts, context) -> None:
-    """One rectangle, or 1, 16 and 256 tiles in shuffled order: the same points."""
-    side = 96 * RADIUS + 13
-    disk = PoissonDisk(context, RADIUS, seed=3, trials=16, levels=1)
-    parts = [
-        disk.within(area) for area in shuffled_tiles(origin, side, 1) + shuffled_tiles(origin, side, cuts)
-    ]
-    whole, *rows = (np.column_stack([each.position, each.level]) for each in parts)
-    together = np.concatenate(rows)
-    np.testing.assert_array_equal(together[np.lexsort(together.T)], whole[np.lexsort(whole.T)], strict=True)
-
-
 def test_windows_join_without_a_seam_and_in_order(context, monkeypatch) -> None:
     graded, area = sampler(context, waves), square(5, 300)
-    whole = graded.within(area)
+    disk, wide = PoissonDisk(context, RADIUS, seed=1, levels=2), (-7, 5, 90 * RADIUS, 70 * RADIUS)
+    whole, disks = graded.within(area), disk.within(wide)
     monkeypatch.setattr("sketchterrain.vegetation.graded_poisson._WINDOW", 61)
-    np.testing.assert_array_equal(graded.within(area), whole)
-    area = (-7, 5, 90 * RADIUS, 70 * RADIUS)
-    disk = PoissonDisk(context, RADIUS, seed=1, levels=2)
-    whole = disk.within(area)
     monkeypatch.setattr("sketchterrain.benchmarks.poisson_disk.WINDOW", 53)
-    pieces = list(disk.pieces(area))
+    np.testing.assert_array_equal(graded.within(area), whole)
+    pieces = list(disk.pieces(wide))
     assert len(pieces) > 1
-    together = [np.concatenate(each) for each in zip(*pieces, strict=True)]
-    for small in (disk.within(area), type(whole)(*together)):
-        np.testing.assert_array_equal(small.position, whole.position)
-        np.testing.assert_array_equal(small.level, whole.level)
+    for found in (disk.within(wide), *[type(disks)(*map(np.concatenate, zip(*pieces, strict=True)))]):
+        np.testing.assert_array_equal(found.position, disks.position)
+        np.testing.assert_array_equal(found.level, disks.level)
 
 
 def test_darts_follow_their_hash(context) -> None:
@@ -273,15 +257,6 @@ def test_a_points_distance_is_that_of_the_raster(context) -> None:
     assert points["spacing"].max() <= MOST
 
 
-def test_a_constant_raster_is_as_dense_as_one_distance(context) -> None:
-    for metres in (4.0, 7.9, 8.1, 20.0):
-        side = 90 * round(metres)
-        flat = sampler(context, lambda x, y, metres=metres: metres + 0 * x * y, levels=2)
-        even = flat.within(square(0, side))
-        fill = len(even) * metres**2 / side**2 / GREATEST_DENSITY
-        assert 0.88 < fill < 1.0, metres
-
-
 def test_graded_sets_are_nearly_maximal(context) -> None:
     """Share of the area where another point of the finest level would fit."""
     points = sampler(context, waves).within(square(0, 900))
@@ -350,24 +325,14 @@ def test_the_raster_is_read_no_farther_than_the_halo(context) -> None:
         assert 0.9 * own.halo < far <= own.halo, (metres, levels)
 
 
-def interleaved(runs: list) -> list:
-    """Return the results of generators run in turns."""
-    found: dict[int, object] = {}
-    while len(found) < len(runs):
-        for number, run in enumerate(runs):
-            if number not in found:
-                try:
-                    next(run)
-                except StopIteration as end:
-                    found[number] = end.value
-    return [found[number] for number in range(len(runs))]
-
-
 def test_two_runs_may_be_interleaved(context) -> None:
-    disk, graded = PoissonDisk(context, RADIUS, seed=6), sampler(context, waves)
-    areas = [(0, 0, 50 * RADIUS, 50 * RADIUS), (FAR, 0, FAR + 70 * RADIUS, 60 * RADIUS)]
-    for found, area in zip(interleaved([disk.steps(area) for area in areas]), areas, strict=True):
-        np.testing.assert_array_equal(found.position, disk.within(area).position)
-    areas = [square(0, 200), square(FAR_OFF, 300)]
-    for found, area in zip(interleaved([graded.steps(area) for area in areas]), areas, strict=True):
-        np.testing.assert_array_equal(found, graded.within(area))
+    graded, areas, found = sampler(context, waves), [square(0, 200), square(FAR_OFF, 300)], {}
+    runs = dict(enumerate(map(graded.steps, areas)))
+    while len(found) < len(runs):
+        for number in runs.keys() - found.keys():
+            try:
+                next(runs[number])
+            except StopIteration as end:
+                found[number] = end.value
+    for number, area in enumerate(areas):
+        np.testing.assert_array_equal(found[number], graded.within(area))

@@ -84,19 +84,6 @@ def test_bytes_are_the_same_on_every_device(desert, other) -> None:
     np.testing.assert_array_equal(one.materials, two.materials)
 
 
-@pytest.mark.slow
-def test_doubles_differ_by_a_step_at_most(valley, double_context) -> None:
-    window = {"cell": 4.0, **WINDOWS["whole"]}
-    double = Terrain(valley.sketch, valley.recipe, double_context)
-    (one,), (two,) = (list(each.window_bytes(0.0, 4096.0, **window)) for each in (valley, double))
-    assert two.height.dtype == np.float64
-    np.testing.assert_allclose(one.height, two.height, rtol=0, atol=0.01)
-    for name in ("normal", "materials"):
-        off = np.abs(getattr(one, name).astype(int) - getattr(two, name))
-        assert off.max() <= 1
-        assert np.mean(off > 0) < 0.01
-
-
 def test_smaller_batches_change_no_byte(valley) -> None:
     window = {"cell": 4.0, **WINDOWS["whole"]}
     (one,) = valley.window_bytes(0.0, 4096.0, **window)
@@ -162,17 +149,6 @@ def test_weights_are_rounded_as_numpy_rounds_them(real) -> None:
         _, _, weight, nonfinite = launched(context, patches_of(ground), patches_of(plane))
         assert nonfinite == 0
         np.testing.assert_array_equal(weight, quantise_weights(plane).transpose(2, 0, 1), err_msg=f"{count}")
-
-
-def test_bytes_of_unit_vectors(with_double) -> None:
-    plane = np.zeros((SIDE, ACROSS * (SIDE - 1) + 1, 4), np.float32)
-    plane[..., :3] = [-1.0, 0.0, 1.0]
-    plane[..., 3] = np.arange(plane[..., 3].size).reshape(plane.shape[:2])
-    weights = weights_of("equal", plane.shape[:2])
-    height, normal, _, _ = launched(with_double, patches_of(plane), patches_of(weights))
-    np.testing.assert_array_equal(height, plane[..., 3])
-    for part, value in zip(normal, (0, 128, 255), strict=True):  # 127.5 goes to the even one
-        assert (part == value).all()
 
 
 def test_non_finite_values_are_counted(with_double) -> None:

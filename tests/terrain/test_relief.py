@@ -2,7 +2,6 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from sketchterrain.generation.building import build
 from sketchterrain.io.disk_cache import RecordCache
-from sketchterrain.landforms.node_raster import DrainedRaster, NodeReader, PaintedNodes, node_level
+from sketchterrain.landforms.node_raster import DrainedRaster, NodeReader, PaintedNodes
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
 from sketchterrain.landforms.unpainted import Nodes, UnpaintedGround
 from sketchterrain.schema.layers import DENSITY
@@ -20,7 +19,7 @@ from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.patches import tile_patches, tile_samples
+from sketchterrain.terrain.patches import tile_samples
 from tests import terrains
 
 from .conftest import Waves, tiers
@@ -53,11 +52,6 @@ def recipes(make_recipe):
     return plain.with_layers([one]), plain.with_layers([other])
 
 
-def test_level_of_nodes_is_the_greatest_that_a_cell_reaches() -> None:
-    cells = (0.0, 15.9, 16.0, 31.9, 32.0, 100.0, 16.0 * 2**14, 1e9)
-    assert [node_level(cell, EXTENT) for cell in cells] == [0, 0, 0, 0, 1, 2, 14, 14]
-
-
 def test_a_plane_is_read_exactly_and_without_waves_of_its_nodes(make_recipe) -> None:
     class Plane(Waves):
         def window(self, level, column, row, rows, columns, *, painted=True):
@@ -85,20 +79,6 @@ def test_kernel_equals_the_host_on_a_painted_region(recipes, context, cell) -> N
         assert mask.max() > 0.5
 
 
-def test_bits_do_not_depend_on_blocks_and_points_equal_tiles(recipes, context) -> None:
-    """Tiles alone, together, far from each other, and their vertices as single points: the same bits."""
-    evaluator = Evaluator(recipes[0], context)
-    for level, keys in ((3, [(2, 3), (3, 3), (2, 4)]), (5, [(9, 11), (10, 11)]), (0, [(0, 0), (1, 0)])):
-        patches = tile_patches(level, keys, EXTENT)
-        together = evaluator.surface(patches.axis_x, patches.axis_y, cell_size=patches.cell_size)
-        apart = tile_patches(level, [keys[0], (900, -700)], EXTENT)
-        alone = evaluator.surface(apart.axis_x, apart.axis_y, cell_size=patches.cell_size)
-        np.testing.assert_array_equal(together.height[0], alone.height[0])
-        x, y = np.meshgrid(patches.axis_x[0, 1:-1], patches.axis_y[0, 1:-1])
-        single, _ = evaluator.points(x.ravel(), y.ravel(), cell_size=patches.cell_size)
-        np.testing.assert_array_equal(single.reshape(x.shape), together.height[0])
-
-
 def test_a_change_of_the_painted_raster_equals_a_fresh_terrain(recipes, context) -> None:
     old, new = recipes
     change = difference(old, new)
@@ -121,19 +101,6 @@ def test_a_change_of_the_painted_raster_equals_a_fresh_terrain(recipes, context)
     assert (now != before).any()
 
 
-def test_windows_do_not_depend_on_how_they_are_reached() -> None:
-    raster, rng = painted(60, 80, 128), np.random.default_rng(4)
-    warm = NodeReader(Waves(), raster)
-    for _ in range(40):
-        level = int(rng.integers(0, 5))
-        column, row = (int(n) for n in rng.integers(-200, 300, 2))
-        rows, columns = (int(n) for n in rng.integers(1, 150, 2))
-        one = warm.window(level, column, row, rows, columns)
-        other = NodeReader(Waves(), raster).window(level, column - 37, row - 5, rows + 50, columns + 40)
-        for a, b in zip(one, other, strict=True):
-            np.testing.assert_array_equal(a, b[5 : 5 + rows, 37 : 37 + columns])
-
-
 def test_far_positions_have_the_bits_of_near_ones(make_recipe, context) -> None:
     """Ground of period 2^20 nodes is the same 10⁶ m away, but for noise."""
 
@@ -146,12 +113,6 @@ def test_far_positions_have_the_bits_of_near_ones(make_recipe, context) -> None:
     x, y = np.random.default_rng(5).integers(0, 1 << 20, (2, 500))
     near, far = (Evaluator(recipe, context).points(x + shift, y, cell_size=64.0)[0] for shift in (0, 1 << 36))
     np.testing.assert_array_equal(near, far)
-
-
-def test_key_depends_on_the_source_and_not_on_paint(recipes) -> None:
-    relief = recipes[0][ReliefLayer]
-    assert relief.key() == recipes[1][ReliefLayer].key()
-    assert relief.key() != replace(relief, unpainted=Waves(50.0)).key()
 
 
 def test_fine_samples_of_coarse_nodes_are_within_32_bits(recipes, context) -> None:

@@ -22,7 +22,16 @@ from sketchterrain.terrain.recipe import TerrainRecipe
 from tests.roads.test_profile import random_features
 from tests.sample_roads import SCENE, contents, make_road, sketch_with
 
-from .conftest import Waves, assert_same, small_base, tiers, with_roads
+from .conftest import (
+    Waves,
+    assert_bounds_hold,
+    assert_changed_within,
+    assert_same,
+    assert_tiles_meet,
+    small_base,
+    tiers,
+    with_roads,
+)
 
 EXTENT, UNIT = 4096.0, 4096.0 / 2**24
 CELLS = (0.0, 1.0, 2.5, 4.0, 6.0, 16.0)
@@ -107,32 +116,12 @@ def test_ground_is_bit_equal_where_no_road_reaches(recipe, bare, context) -> Non
 
 
 LEVEL = 6
-SIDE = (1 << 24) >> LEVEL
 KEYS = [(column, row) for column in range(14, 45) for row in range(11, 24)]
 BLOCK = [(column, row) for column in range(24, 36) for row in range(14, 21)]
 
 
 def test_tiles_meet_and_equal_points_whatever_the_launch(recipe, context) -> None:
-    surface, bounds = Evaluator(recipe, context).tiles(BLOCK, LEVEL)
-    number = {key: index for index, key in enumerate(BLOCK)}
-    for (column, row), index in number.items():
-        east, north = number.get((column + 1, row)), number.get((column, row + 1))
-        for name in ("height", "normal", "materials"):
-            values = getattr(surface, name)
-            if east is not None:
-                assert np.array_equal(values[index][:, -1], values[east][:, 0])
-            if north is not None:
-                assert np.array_equal(values[index][0], values[north][-1])
-    few = Evaluator(recipe, context)
-    for start in range(0, len(BLOCK), 13):
-        part, own = few.tiles(BLOCK[start : start + 13][::-1], LEVEL)
-        assert np.array_equal(part.ground[::-1], surface.ground[start : start + 13])
-        assert np.array_equal(own[::-1], bounds[start : start + 13])
-    step = np.arange(65) * (SIDE >> 6)
-    for key in BLOCK[::17]:
-        x, y = (each.ravel() for each in np.meshgrid(key[0] * SIDE + step, key[1] * SIDE + step[::-1]))
-        height, _ = few.points(x, y, cell_size=EXTENT / (64 << LEVEL))
-        assert np.array_equal(height, surface.height[number[key]].ravel())
+    assert_tiles_meet(Evaluator(recipe, context), LEVEL, BLOCK, Evaluator(recipe, context))
 
 
 @tiers("level", [5], [3, 4, 6])
@@ -142,13 +131,7 @@ def test_bounds_hold_of_what_a_cell_size_omits(bare, recipe, context, level) -> 
         recipe = built(bare, *((layer, points + 1500.0, own) for layer, points, own in features))
     shift = LEVEL - level
     keys = sorted({(column >> shift, row >> shift) for column, row in KEYS})[:: 3 if level == LEVEL else 1]
-    evaluator, side = Evaluator(recipe, context), (1 << 24) >> level
-    surface, bounds = evaluator.tiles(keys, level)
-    step = np.arange(65) * (side >> 6)
-    for (column, row), own, bound in zip(keys, surface.height, bounds, strict=True):
-        x, y = (each.ravel() for each in np.meshgrid(column * side + step, row * side + step[::-1]))
-        full, _ = evaluator.points(x, y, cell_size=0.0)
-        assert np.abs(own.ravel() - full).max() <= bound + 1e-3, (column, row)
+    assert_bounds_hold(Evaluator(recipe, context), level, keys)
 
 
 def test_another_division_into_legs_is_a_change() -> None:
@@ -208,18 +191,7 @@ def test_updates_equal_new_terrains_and_change_their_areas_only(bare, context, f
         assert contents(updated.network) == contents(fresh.recipe.network), number
         new, areas = old.updated(sketch, updated)
         for cell in (0.0, 4.0):
-            found, expected, before = (
-                each.evaluator.points(x, y, cell_size=cell) for each in (new, fresh, old)
-            )
-            for a, b, c in zip(found, expected, before, strict=True):
-                assert np.array_equal(a, b), number
-                changed = (a != c).reshape(len(x), -1).any(axis=1)
-                inside = np.zeros(len(x), np.bool_)
-                for west, south, east, north in areas:
-                    inside |= (
-                        (x * UNIT >= west) & (x * UNIT <= east) & (y * UNIT >= south) & (y * UNIT <= north)
-                    )
-                assert not (changed & ~inside).any(), number
+            assert_changed_within(areas, [each.evaluator for each in (new, fresh, old)], x, y, cell, 0.0)
         for one, two in zip(new.tiles(keys), fresh.tiles(keys), strict=True):
             assert_same(one, two, parents=True)
         old = new

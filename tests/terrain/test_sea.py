@@ -7,20 +7,18 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.generation.building import build
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.landforms.placement.feature_types import ShapeField
-from sketchterrain.landforms.placement.sea import Sea, create_sea, raggedness
+from sketchterrain.landforms.placement.sea import Sea, create_sea
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.layers.sea import SeaLayer, raised_lowland
-from sketchterrain.terrain.recipe import TerrainRecipe
 
-from .conftest import CASES, Waves, feature, winding_sea
+from .conftest import CASES, Waves, feature, heights_at, winding_sea
 
 EXTENT, COAST = 4096.0, 2048.0
 LEVEL, SHELF, DEPTH, BEACH, REACH = 2.0, 700.0, 30.0, 40.0, 320.0
@@ -42,12 +40,6 @@ def flood(level: float = LEVEL) -> Sea:
     return Sea(level, BEACH, SHELF, None, None)
 
 
-def heights(recipe: TerrainRecipe, context: ComputeContext, x: Any, y: Any, cell: float = 0.0) -> Any:
-    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-    lattice = to_lattice(x.ravel(), EXTENT), to_lattice(y.ravel(), EXTENT)
-    return Evaluator(recipe, context).points(*lattice, cell_size=cell)[0].reshape(x.shape)
-
-
 def test_a_painted_bed_follows_its_profile(make_recipe, context) -> None:
     """Slope at the waterline, greatest depth at the shelf's end; the ground below has no effect."""
     recipe = make_recipe(*CASES["mountain"], sea=straight_sea(), fidelity=1.0)
@@ -56,9 +48,9 @@ def test_a_painted_bed_follows_its_profile(make_recipe, context) -> None:
     bars = 0.15 * DEPTH * t**2 * (3 - 2 * t)  # banks and hollows
     expected = LEVEL - DEPTH * t**2 * (3 - 2 * t) - SLOPE * SHELF * t * (1 - t) ** 2
     for y in (100.0, 700.0, 2000.0, 4000.0):
-        found = heights(recipe, context, COAST + d, y)
+        found = heights_at(recipe, context, COAST + d, y)
         assert (np.abs(found - expected) < bars + 1e-3).all()
-    assert np.ptp(heights(recipe, context, COAST + 1500.0, np.arange(500.0, 3500.0, 100.0))) > 1.0
+    assert np.ptp(heights_at(recipe, context, COAST + 1500.0, np.arange(500.0, 3500.0, 100.0))) > 1.0
 
 
 def test_land_beside_a_painted_sea_is_above_it(make_recipe, context) -> None:
@@ -66,10 +58,10 @@ def test_land_beside_a_painted_sea_is_above_it(make_recipe, context) -> None:
     ground = {"relief": ReliefLayer(Waves(120.0)), "fidelity": 1.0}
     bare, recipe = make_recipe(**ground), make_recipe(sea=straight_sea(), **ground)
     y = np.linspace(0, EXTENT, 400)
-    shore = [heights(recipe, context, COAST - x, y) - LEVEL for x in (0.25, 0.5)]
+    shore = [heights_at(recipe, context, COAST - x, y) - LEVEL for x in (0.25, 0.5)]
     np.testing.assert_allclose(shore[1] - shore[0], 0.25 * SLOPE, atol=0.004)
     x = COAST - np.geomspace(0.2, 2000, 40)[:, None]
-    ground, land = heights(bare, context, x, y), heights(recipe, context, x, y)
+    ground, land = heights_at(bare, context, x, y), heights_at(recipe, context, x, y)
     assert (land > LEVEL).all()
     raised = LEVEL + raised_lowland(ground - LEVEL)
     assert (land <= raised + 1e-3).all()
@@ -85,7 +77,7 @@ def test_slopes_are_continuous_across_coasts(make_recipe, context) -> None:
     x = np.arange(1200.0, 2900.0, 0.5)
     for sea in (winding_sea(), straight_sea(), flood()):
         # Without the noise that is as fine as the steps.
-        ground = heights(
+        ground = heights_at(
             make_recipe(sea=sea, ground={"relief": 15.0}), context, x, np.array([[1700.0], [2050.0]]), 32.0
         )
         slope = np.diff(ground, axis=1) / 0.5
@@ -95,8 +87,8 @@ def test_slopes_are_continuous_across_coasts(make_recipe, context) -> None:
 def test_an_unpainted_sea_changes_only_ground_near_its_level(make_recipe, context) -> None:
     rng = np.random.default_rng(4)
     x, y = rng.uniform(-EXTENT, 2 * EXTENT, (2, 20000))
-    bare = heights(make_recipe(), context, x, y).astype(np.float64) - LEVEL
-    found = heights(make_recipe(sea=flood()), context, x, y).astype(np.float64) - LEVEL
+    bare = heights_at(make_recipe(), context, x, y).astype(np.float64) - LEVEL
+    found = heights_at(make_recipe(sea=flood()), context, x, y).astype(np.float64) - LEVEL
     swash = 0.1 * BEACH
     near = np.abs(bare) < swash
     np.testing.assert_allclose(found[~near], bare[~near], atol=1e-5)
@@ -140,18 +132,6 @@ def test_paint_is_the_coast_at_fidelity_1(context) -> None:
     assert (wet == ~island)[border].mean() > 0.98
 
 
-def test_below_fidelity_1_coasts_are_ragged_near_the_paint(context) -> None:
-    x, y = np.meshgrid(*[np.linspace(900, 3200, 231)] * 2)
-    assert raggedness(0.8, 64.0) == pytest.approx(5 * 64.0)
-    wet, loose = (
-        build(square_sketch(fidelity=value), device=context).heights(x, y) < 0 for value in (1.0, 0.8)
-    )
-    moved = ndimage.distance_transform_edt(wet == wet[0, 0]), ndimage.distance_transform_edt(wet != wet[0, 0])
-    away = np.maximum(*moved)[wet != loose]
-    assert away.max() * 10 < 5 * 64.0 + 2 * 64.0
-    assert (wet != loose).mean() > 0.02
-
-
 def test_labels_have_their_own_depths(context) -> None:
     image = np.ones((64, 64), np.uint8)
     image[:, 32:] = 2
@@ -190,14 +170,6 @@ def test_sand_covers_beaches_and_the_bed(context) -> None:
     inland = build(square_sketch(layers={"sea": np.zeros((64, 64), np.uint8)}, climate={}), device=context)
     assert inland.features.sea_level is None
     assert inland.tile(3, 2, 4).materials[..., MATERIALS.index("sand")].max() < 1e-6
-
-
-def test_unpainted_features_keep_off_the_sea(context) -> None:
-    sketch = square_sketch(density={"forest": 4.0, "dune": 1.0})
-    points = build(sketch, device=context).features.points
-    inside = np.all([(points[axis] > 1024) & (points[axis] < 3072) for axis in ("x", "y")], axis=0)
-    assert len(points) > 3
-    assert inside.all()
 
 
 def test_coasts_continue_beyond_the_sketch(context) -> None:

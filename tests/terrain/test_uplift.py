@@ -11,7 +11,6 @@ from sketchterrain.landforms.painted_uplift import drain_painted, height_without
 from sketchterrain.landforms.placement.heights import built_height
 from sketchterrain.landforms.placement.placement import place
 from sketchterrain.landforms.uplift import UpliftFeatures, uplift_features
-from tests.landforms.sketches import SKETCHES
 
 CELL = 24.0
 SIDE = 129
@@ -109,12 +108,6 @@ def test_without_features_the_ground_is_drained_as_it_is():
     assert np.array_equal(height, bare)
 
 
-def test_draining_twice_gives_the_same_bits():
-    features = _features((50.0, 60.0, 18.0, 300.0), (80.0, 60.0, 12.0, 100.0))
-    first, second = (_drained(features)[1] for _ in range(2))
-    assert first.tobytes() == second.tobytes()
-
-
 def test_ground_beyond_the_zone_keeps_its_bits():
     painted, height, _, bare = _drained(_features((40.0, 60.0, 12.0, 300.0), (60.0, 60.0, 10.0, 100.0)))
     assert 0.1 < painted.zone.mean() < 0.5
@@ -127,25 +120,6 @@ def test_an_edit_changes_no_zone_but_its_own():
     _, alone, _, _ = _drained(_features(one))
     _, both, _, _ = _drained(_features(one, other))
     assert np.array_equal(alone[:60, :60], both[:60, :60])
-
-
-def test_rock_is_inside_mountains_only():
-    features = _features((40.0, 64.0, 15.0, 200.0), (90.0, 64.0, 15.0, 100.0))
-    features = features._replace(is_rock=np.array([True, False]))
-    rock = painted_uplift(features, _ground(), CELL).rock
-    assert rock[64, 40] == 1.0
-    assert rock[64, 90] == 0.0
-    assert rock.min() == 0.0
-
-
-def test_features_of_a_sketch_have_built_heights_and_painted_radii():
-    sketch = SKETCHES["range_across"](0)
-    points = place(sketch, seed=sketch.seed)
-    features = uplift_features(sketch, points)
-    assert len(features.x) == (points["type"] < 2).sum()
-    assert np.all(features.radius > 0.0)
-    assert np.all(features.height > 0.0)
-    assert np.all(np.isin(np.arange(features.shape.max() + 1), features.shape))
 
 
 def test_edited_heights_stand_up_to_what_their_shape_can_carry():

@@ -135,13 +135,9 @@ def test_lines_that_share_a_vertex_are_one_network():
 def test_a_line_that_ends_in_the_bed_of_another_one_joins_it():
     stem = line([300, 2000], [3800, 2000], width=40.0, directed=1)
     beside, apart = (line([1000, 3500], [2000, 2000 + away], directed=1) for away in (15.0, 60.0))
-    assert [each.parent is None for each in courses(sketch(stem, beside))] == [True, False]
-    assert [each.parent is None for each in courses(sketch(stem, apart))] == [True, True]
-
-
-def test_a_line_that_ends_between_two_vertices_of_another_one_joins_it():
-    stem, branch = line([300, 2000], [3800, 2000], directed=1), line([1000, 3500], [2000, 2000], directed=1)
-    assert [each.parent is None for each in courses(sketch(stem, branch))] == [True, False]
+    between = line([1000, 3500], [2000, 2000], directed=1)  # two vertices
+    for branch, joins in ((beside, True), (apart, False), (between, True)):
+        assert [each.parent is None for each in courses(sketch(stem, branch))] == [True, not joins]
 
 
 def test_arms_of_a_loop_begin_and_end_at_the_stem():

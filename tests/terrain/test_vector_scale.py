@@ -15,7 +15,6 @@ from sketchterrain.features.table import VectorLayer
 from sketchterrain.generation.building import build, rebuild
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.lattice import LATTICE_BITS
-from sketchterrain.landuse.areas import land_use
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 
@@ -55,22 +54,6 @@ def test_a_clipped_tree_finds_what_the_index_of_boxes_finds(boxes, capacity, mon
     np.testing.assert_array_equal(plain.index.boxes, tree.tree.boxes[tree.ids])
 
 
-def test_an_edit_of_a_tree_visits_what_it_changes_however_many_others_there_are() -> None:
-    visited = []
-    for side in (20, 60):
-        rivals = BoxRival(piece_boxes(side)), TreeRival(piece_boxes(side))
-        middle = 1 << (LATTICE_BITS - 1)
-        _, near = rivals[0].index.touching(np.array([[middle, middle, middle + 40_000, middle + 40_000]]))
-        corner = min(rivals[0].index.boxes_of(near).tolist())[:2]
-        _, numbers = rivals[0].index.touching(np.array([corner * 2]))
-        assert 1 < len(numbers) < 10
-        rivals[1].view(9, 248, 248)
-        rivals[1].edit(numbers, rivals[0].index.boxes_of(numbers) + 5)
-        assert rivals[1].visited <= 2 * len(numbers) * 4 * 10  # old and new, up to 4 quads of 10 levels
-        visited.append(rivals[1].visited)
-    assert visited[0] == visited[1] > 0
-
-
 def test_points_are_found_in_boxes_of_an_edited_index(boxes, monkeypatch) -> None:
     monkeypatch.setattr("sketchterrain.geometry.box_index._FEW_ITEMS", 64)
     rng, index = np.random.default_rng(3), BoxIndex(boxes)
@@ -86,48 +69,12 @@ def test_points_are_found_in_boxes_of_an_edited_index(boxes, monkeypatch) -> Non
         np.testing.assert_array_equal(found, expected)
 
 
-def test_an_index_is_the_same_a_million_kilometres_away(boxes) -> None:
-    blocks = np.concatenate([boxes[:50, :2], boxes[:50, :2] + 40_000], axis=1)
-    far = round(1e9 / EXTENT) << LATTICE_BITS
-    for one, other in zip(
-        BoxIndex(boxes).touching(blocks), BoxIndex(boxes + far).touching(blocks + far), strict=True
-    ):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_fields_of_the_synthetic_country_share_their_borders() -> None:
-    """Every edge inside runs once each way, and the areas cover their union."""
-    sketch = synthetic_land(12)
-    edges = land_use(sketch).edges
-    both = np.concatenate([edges, edges[:, [2, 3, 0, 1]]])
-    _, number, counts = np.unique(both, axis=0, return_inverse=True, return_counts=True)
-    number = number.reshape(2, -1)
-    assert counts.max() == 2
-    outer = counts[number[0]] == 1
-    shapes = sketch.vectors["landuse"].shapes()
-    union = shapely.union_all(shapes)
-    assert shapely.area(union) == pytest.approx(shapely.area(shapes).sum(), rel=1e-12)
-    assert shapely.get_num_interior_rings(union) == 0
-    around = np.hypot(*(edges[outer, 2:] - edges[outer, :2]).T).sum()
-    assert around == pytest.approx(shapely.length(union), rel=1e-9)
-
-
 def dry_land(side: int) -> Sketch:
     """Return fields without roads and without streams."""
     sketch = synthetic_land(side)
     return sketch.replace(
         vectors={"landuse": sketch.vectors["landuse"]}, climate={**sketch.climate, "aridity": 1.0}
     )
-
-
-def test_a_smaller_country_is_the_middle_of_a_larger_one(context) -> None:
-    small, large = (dry_land(side) for side in (6, 12))
-    one, other = (land_use(sketch) for sketch in (small, large))
-    place = np.searchsorted(other.ids, one.ids)
-    np.testing.assert_array_equal(other.ids[place], one.ids)
-    np.testing.assert_array_equal(other.edges[other.edges_of(place)[1]], one.edges)
-    keys = [(10, 512, 511), (13, 4096, 4096)]
-    assert_same_tiles(*(build(sketch, device=context) for sketch in (small, large)), keys)
 
 
 def assert_same_tiles(one, other, keys) -> None:
@@ -215,10 +162,3 @@ def test_land_use_at_the_edge_of_the_world_is_as_near_the_origin(context) -> Non
     assert shares[0].any()
     with pytest.raises(InputError, match="at most 1e\\+07 m away"):
         sketch_of([shapely.transform(outline, lambda at: at + 1e9)])
-
-
-def test_land_use_leaves_tiles_a_million_kilometres_away_as_they_are(context) -> None:
-    sketch = dry_land(8)
-    with_land, without = (build(each, device=context) for each in (sketch, sketch.replace(vectors={})))
-    column = int(1e9 / (sketch.extent / 2**9))
-    assert_same_tiles(with_land, without, [(12, 8 * column, 2048)])

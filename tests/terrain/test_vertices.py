@@ -85,16 +85,6 @@ def test_the_parents_part_equals_the_parents_vertices(valley) -> None:
                     np.testing.assert_allclose(own[south::2, east::2], middle, rtol=2e-7)
 
 
-def test_neighbours_share_their_borders_bytes(valley) -> None:
-    """Also children of different parents, with their parents' values."""
-    keys = [(4, 7, 7), (4, 8, 7), (5, 15, 14), (5, 16, 14), (5, 15, 15), (5, 16, 15)]
-    vertices, _ = written_at(valley, keys, [-1, -1, 0, 1, 0, 1])
-    for west, east in ((2, 3), (4, 5)):
-        np.testing.assert_array_equal(vertices[west][:, -1], vertices[east][:, 0])
-    for south, north in ((2, 4), (3, 5)):
-        np.testing.assert_array_equal(vertices[south][0], vertices[north][-1])
-
-
 def test_any_order_gives_the_same_bytes(valley) -> None:
     """In one call, in any order, and with one call per tile."""
     straight, facts = written(valley, list(range(len(FAMILY))))

@@ -3,14 +3,31 @@
 import math
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import Affine
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.elevation.grids import ElevationGrid
+from sketchterrain.elevation.grids import ElevationGrid, SketchFrame
 
 MakeGrid = Callable[..., ElevationGrid]
+FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
+PLACE = Affine(30.0, 0.0, 500_100.0, 0.0, -30.0, 5_201_000.0)
+HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
+
+
+def write(path: Path, heights: Any = HEIGHTS, *, tags: dict[str, str] | None = None, **profile: Any) -> Path:
+    """Write a GeoTIFF of heights 30 m apart within the frame, unless a profile says otherwise."""
+    rows, columns = heights.shape
+    profile = {"crs": "EPSG:32632", "transform": PLACE, "width": columns, "height": rows, **profile}
+    with rasterio.open(path, "w", driver="GTiff", count=1, dtype=heights.dtype, **profile) as file:
+        file.update_tags(**(tags or {}))
+        file.write(heights, 1)
+    return path
 
 
 def ground(x: Float64Array, y: Float64Array) -> Float64Array:

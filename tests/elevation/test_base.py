@@ -19,8 +19,8 @@ from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset
 from sketchterrain.stages.runner import Results, Runner
 
-from .conftest import ground
-from .test_grids import from_origin, write
+from .conftest import ground, write
+from .test_grids import from_origin
 
 EAST, NORTH = 500_000.0, 5_200_000.0
 FRAME = {"crs": "EPSG:32632", "east": EAST, "north": NORTH}

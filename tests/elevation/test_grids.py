@@ -18,25 +18,11 @@ from sketchterrain.elevation.quirks import CleanedSamples, Findings
 from sketchterrain.elevation.raster_reader import file_stamps
 from sketchterrain.errors import InputError
 
+from .conftest import FRAME, HEIGHTS, write
+
 
 def from_origin(west: float, north: float, width: float, height: float) -> Affine:
     return Affine(width, 0.0, west, 0.0, -height, north)
-
-
-FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
-HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
-
-
-def write(path: Path, heights: Any = HEIGHTS, **profile: Any) -> Path:
-    tags = profile.pop("tags", {})
-    profile = {"crs": "EPSG:32632", "transform": from_origin(500_100.0, 5_201_000.0, 30.0, 30.0), **profile}
-    rows, columns = heights.shape
-    with rasterio.open(
-        path, "w", driver="GTiff", width=columns, height=rows, count=1, dtype=heights.dtype, **profile
-    ) as file:
-        file.update_tags(**tags)
-        file.write(heights, 1)
-    return path
 
 
 def cleaned(raw: Any) -> tuple[Any, Findings]:
@@ -131,18 +117,6 @@ def test_voids_of_every_kind(tmp_path: Path, value: float, dtype: str, tag: floa
     assert np.abs(grid.samples - HEIGHTS)[10:13, 10:14].max() < 0.01  # a plane: the membrane is exact
     assert any("32 samples of no data" in each for each in grid.findings), grid.findings
     assert "12 samples in 1 small voids, filled" in grid.findings
-
-
-def test_several_kinds_of_voids_in_one_file() -> None:
-    raw = np.tile(HEIGHTS, (8, 8))
-    raw[5, 5], raw[9, 30], raw[50, 50], raw[0, 0] = np.nan, 9999.0, 3.4e38, -32768.0
-    raw[20:100, 60:140] = -9999.0  # too large
-    samples, findings = cleaned(raw)
-    assert np.isnan(samples).sum() == 6400 + 1
-    text = " ".join(findings)
-    for part in ("3 samples of no data (", "6400 samples of no data (-9999)", "1 samples of no data (9999)"):
-        assert part in text, findings
-    assert "3 samples in 3 small voids, filled" in text
 
 
 def test_heights_near_a_sentinel_are_kept() -> None:

@@ -9,41 +9,31 @@ import pytest
 import rasterio
 import rasterio.shutil
 from PIL import Image
-from rasterio.transform import Affine
 
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.elevation.build import build_patches
-from sketchterrain.elevation.grids import SketchFrame, read_grid
+from sketchterrain.elevation.grids import read_grid
 from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.errors import InputError
+
+from .conftest import FRAME, HEIGHTS, write
 
 STATED = RasterSource("file", cell=30.0, range="0,1300")
 SOURCES = {"code.png": RasterSource("file", cell=30.0), "grey.png": STATED, "square.r16": STATED}
 SKETCH = Sketch(extent=1000.0, frame={"crs": "EPSG:32632", "east": 5e5, "north": 5.2e6, "vertical": ""})
-FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
-HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
 NUMBERS = (b"0", b"-1", b"1e400", b"nan", b"99999999", b"4294967297", b"-2147483649", b"0.0001", b"", b"x")
 WORDS = (b"\0" * 4, b"\xff" * 4, b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", b"\x01\0\0\0", b"\0\0\0\x01")
 
 
 def originals(folder: Path) -> dict[str, bytes]:
     """Write small files of each format; return their contents by suffix."""
-    profile = {"count": 1, "width": 25, "height": 20, "crs": "EPSG:32632"}
-    place = Affine(30.0, 0.0, 500_100.0, 0.0, -30.0, 5_201_000.0)
     for name, options in (
         ("plain.tif", {}),
-        (
-            "tiled.tif",
-            {"compress": "deflate", "tiled": True, "blockxsize": 16, "blockysize": 16},
-        ),
+        ("tiled.tif", {"compress": "deflate", "tiled": True, "blockxsize": 16, "blockysize": 16}),
         ("lzw.tif", {"compress": "lzw", "nodata": -1.0, "bigtiff": "yes"}),
     ):
-        with rasterio.open(
-            folder / name, "w", driver="GTiff", dtype="float32", transform=place, **profile, **options
-        ) as file:
-            file.write(HEIGHTS, 1)
-            file.update_tags(AREA_OR_POINT="Point")
+        write(folder / name, tags={"AREA_OR_POINT": "Point"}, **options)
     rows = "\n".join(" ".join(f"{each:g}" for each in row) for row in HEIGHTS)
     head = "ncols 25\nnrows 20\nxllcorner 500100\nyllcorner 5200400\ncellsize 30\nNODATA_value -9999\n"
     (folder / "text.asc").write_text(head + rows)
@@ -62,10 +52,7 @@ def originals(folder: Path) -> dict[str, bytes]:
     np.savez_compressed(folder / "packed.npz", z=HEIGHTS, crs="EPSG:32632", **spans)
     np.savez(folder / "stored.npz", z=HEIGHTS.astype(np.int16), crs="EPSG:32632", **spans)
     for name, driver in (("a.img", "HFA"), ("a.bil", "EHdr"), ("a.xyz", "XYZ"), ("a.jp2", "JP2OpenJPEG")):
-        with rasterio.open(
-            folder / "whole.tif", "w", driver="GTiff", dtype="int16", transform=place, **profile
-        ) as file:
-            file.write(HEIGHTS.astype(np.int16), 1)
+        write(folder / "whole.tif", HEIGHTS.astype(np.int16))
         rasterio.shutil.copy(folder / "whole.tif", folder / name, driver=driver)
     rasterio.shutil.copy(folder / "plain.tif", folder / "a.nc", driver="netCDF")
     codes = ((HEIGHTS + 10000.0) * 10.0).astype(np.uint32)

@@ -18,23 +18,13 @@ from sketchterrain.document.rasters import RasterSource, embedded
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.elevation import grids, raster_reader
-from sketchterrain.elevation.grids import SketchFrame, read_grid
+from sketchterrain.elevation.grids import read_grid
 from sketchterrain.elevation.pictures import read_picture
 from sketchterrain.elevation.raster_reader import ELLIPSOID, read_header, read_window
 from sketchterrain.errors import InputError
 from sketchterrain.importing.elevation import read_heights
 
-HEIGHTS = (300.0 + np.add.outer(3.0 * np.arange(20), 7.0 * np.arange(25))).astype(np.float32)
-PLACE = Affine(30.0, 0.0, 500_100.0, 0.0, -30.0, 5_201_000.0)
-FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
-
-
-def write(path: Path, heights: Any = HEIGHTS, **profile: Any) -> Path:
-    rows, columns = heights.shape
-    profile = {"crs": "EPSG:32632", "transform": PLACE, "width": columns, "height": rows, **profile}
-    with rasterio.open(path, "w", driver="GTiff", count=1, dtype=heights.dtype, **profile) as file:
-        file.write(heights, 1)
-    return path
+from .conftest import FRAME, HEIGHTS, PLACE, write
 
 
 def one_line_of(path: Path) -> str:

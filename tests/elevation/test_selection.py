@@ -11,7 +11,6 @@ from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.selection import Patchwork
-from sketchterrain.elevation.tops import PatchNumbers, find_tops
 from sketchterrain.errors import InputError
 
 MakeGrid = Callable[..., ElevationGrid]
@@ -54,20 +53,6 @@ def test_all_orders_of_four_grids_give_the_same_bits(four: list[GridPatches]) ->
     for first in range(4):
         for order in (four[first:] + four[:first], four[first::-1] + four[:first:-1])[: 1 + first % 2]:
             assert state(together(order)) == expected
-
-
-def test_removed_grids_leave_no_trace(four: list[GridPatches]) -> None:
-    work = together(four)
-    expected = state(work)
-    for each in four:
-        without = Patchwork({key: grid for key, grid in work.grids.items() if key != each.id})
-        assert state(without) == state(together([other for other in four if other is not each]))
-        assert state(Patchwork({**without.grids, each.id: each})) == expected
-    empty = work
-    for each in four:
-        empty = Patchwork({key: grid for key, grid in empty.grids.items() if key != each.id})
-    with pytest.raises(InputError, match="at least one"):
-        empty.cover(1.0)
 
 
 def is_covered(kernel: shapely.Geometry, others: list[shapely.Geometry]) -> bool:
@@ -137,20 +122,6 @@ def test_covers_for_cells_are_limited_in_band(four: list[GridPatches]) -> None:
         work.cover_for_cells(0.0)
 
 
-def test_tops_without_fine_levels_are_those_of_all_patches(four: list[GridPatches]) -> None:
-    for parts in (four[:1], four):
-        work = together(parts)
-        numbers = PatchNumbers(list(work.grids.values()))
-        everything = find_tops(numbers, np.arange(len(numbers)))
-        assert [each.tobytes() for each in work.tops] == [each.tobytes() for each in everything]
-        for lowest in ([1, 0, 2, 1], [2, 2, 1, 0]):
-            levels = np.array(lowest[: len(parts)])
-            which, error, tops = work._without_fine_levels(levels)
-            expected = find_tops(numbers, which, levels)
-            assert [each.tobytes() for each in tops] == [each.tobytes() for each in expected]
-            assert len(error) == len(which)
-
-
 def test_same_grid_at_another_accuracy_is_redundant(make_grid: MakeGrid) -> None:
     one = build_patches(make_grid(accuracy=0.5))
     other = build_patches(make_grid(accuracy=2.0))
@@ -167,8 +138,9 @@ def test_patches_of_an_area_give_the_same_bits(four: list[GridPatches]) -> None:
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(4800, 5100, 40), np.linspace(4900, 5200, 40)))
     for one, other in zip(work.surface(which).evaluate(x, y), work.surface(near).evaluate(x, y), strict=True):
         assert one.tobytes() == other.tobytes()
-    with pytest.raises(InputError, match="expected metres"):
-        work.cover(-1.0)
+    for grids, error, message in ((work, -1.0, "expected metres"), (Patchwork(), 1.0, "at least one")):
+        with pytest.raises(InputError, match=message):
+            grids.cover(error)
 
 
 @pytest.mark.parametrize("side", [8, 30, 60])

@@ -12,12 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
 
 from sketchterrain.caching import LRUCache
-from sketchterrain.elevation import grids
 from sketchterrain.elevation.build import build_patches
-from sketchterrain.elevation.detail_law import measure_detail
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.planes import DamagedStoreError
@@ -26,8 +23,9 @@ from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.elevation.store import PatchStore
 from sketchterrain.errors import SketchterrainError
 
+from .conftest import FRAME, write
+
 MakeGrid = Callable[..., ElevationGrid]
-FRAME = SketchFrame("EPSG:32632", 500_000.0, 5_200_000.0)
 
 
 def bits(part: GridPatches) -> list[bytes]:
@@ -61,15 +59,6 @@ def cleaned(heights: np.ndarray, known: np.ndarray, strip: int | None = None) ->
     return CleanedSamples(read, heights.shape, 30.0, strip)
 
 
-def write(path: Path, heights: np.ndarray) -> Path:
-    rows, columns = heights.shape
-    profile = {"width": columns, "height": rows, "count": 1, "dtype": heights.dtype, "crs": FRAME.crs}
-    at = rasterio.Affine(30.0, 0.0, 500_100.0, 0.0, -30.0, 5_201_000.0)
-    with rasterio.open(path, "w", driver="GTiff", transform=at, **profile) as file:
-        file.write(heights, 1)
-    return path
-
-
 @pytest.mark.parametrize("crs", ["", "EPSG:4326"])
 def test_strips_make_no_difference(make_grid: MakeGrid, crs: str) -> None:
     heights = cleaned(rough(330, 250), np.ones((330, 250), bool))[:]
@@ -95,20 +84,6 @@ def test_cleaning_by_strips_equals_that_of_the_whole() -> None:
             parts = [found[first : first + step] for first in range(0, 400, step)]
             assert np.concatenate(parts).tobytes() == expected.tobytes(), (strip, step)
             assert found.findings == findings
-
-
-def test_files_read_by_rows_give_the_same_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write(tmp_path / "a.tif", rough(330, 250))
-    np.save(tmp_path / "a.npy", rough(330, 250))
-    for file, more in ((path, {}), (tmp_path / "a.npy", {"place": (5.0, 0.0, 1.0, 0.0, -5.0, 9.0)})):
-        monkeypatch.setattr(grids, "MAX_HELD", 1 << 24)
-        whole = read_grid(file, FRAME, **more)
-        monkeypatch.setattr(grids, "MAX_HELD", 0)
-        rows = read_grid(file, FRAME, **more)
-        assert not isinstance(rows.samples, np.ndarray)
-        assert (rows.id, rows.base) == (whole.id, whole.base)
-        assert rows.found == whole.findings
-        assert measure_detail(rows) == measure_detail(whole)
 
 
 def test_stored_patches_have_the_bits_of_those_in_memory(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The surface against its samples, its bound, an oracle in NumPy, and its smoothness."""
+"""The surface against its samples, its bound, and its smoothness; its oracle is in `tests/host`."""
 
 import itertools
 from collections.abc import Callable
@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.interpolate import BSpline
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame
 from sketchterrain.elevation.mips import halved, level_shapes, padded
-from sketchterrain.elevation.patches import COEFFICIENTS
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.elevation.surface import PatchSurface
 
@@ -92,72 +90,8 @@ def test_uniform_covers_are_within_their_error(make_grid: MakeGrid) -> None:
         assert np.abs(found.height - fine.samples)[spoken & np.isfinite(fine.samples)].max() <= error
 
 
-def basis(t: Float64Array) -> Float64Array:
-    knots = np.arange(-2.0, 3.0)
-    return np.nan_to_num(BSpline.basis_element(knots, extrapolate=False)(t))
-
-
 def steps_of(maps: Float64Array, x: Float64Array, y: Float64Array) -> Float64Array:
     return np.tensordot(maps, np.stack([np.ones_like(x), x, y, x * x, x * y, y * y]), axes=(1, 0))
-
-
-def oracle(work: Patchwork, which: np.ndarray, x: Float64Array, y: Float64Array) -> tuple[Float64Array, ...]:
-    """Return heights and weights of data by plain sums over all patches, and all coefficients of each."""
-    patches, _ = work.rows(np.arange(len(work)))
-    parts = list(work.grids.values())
-    coefficients, mask_of, masks = work.patch_data(np.arange(len(work)))
-    total, heights, missing = np.zeros(len(x)), np.zeros(len(x)), np.ones(len(x))
-    for p in which:
-        part, level = parts[work.grid[p]], patches.level[p]
-        u, v = steps_of(patches.to_steps[p], x - patches.centre[p, 0], y - patches.centre[p, 1])
-        along, across = (basis(each[:, None] + 17.0 - np.arange(COEFFICIENTS)) for each in (u, v))
-        known = masks[mask_of[p]] / 225.0 if mask_of[p] >= 0 else np.ones((COEFFICIENTS, COEFFICIENTS))
-        height = np.einsum("ni,ij,nj->n", across, coefficients[p].astype(float), along)
-        mask = np.einsum("ni,ij,nj->n", across, known, along)
-        inside = (np.abs(u) < 16.0) & (np.abs(v) < 16.0)
-
-        def fade(t: Float64Array, width: float) -> Float64Array:
-            s = np.clip((16.0 - np.abs(t)) / width, 0.0, 1.0)
-            return s**3 * (6.0 * s * s - 15.0 * s + 10.0)
-
-        rim = np.ones(len(x))
-        west, east, north, south = patches.rim[p]
-        for outside in (west - u, u - east, north - v, v - south):
-            rim *= fade(16.0 - np.clip(1.5 - outside * 2.0**level, 0.0, 1.0), 1.0)
-        rim[~inside] = 0.0
-        weight = rim * fade(u, 4.0) * fade(v, 4.0) * mask / patches.step_area[p] ** 2
-        total += weight
-        heights += weight * (height + part.base)
-        missing *= 1.0 - rim * fade(u, 1.0) * fade(v, 1.0) * fade(
-            16.0 - np.minimum(36.0 * 225.0 * mask, 1.0), 1.0
-        )
-    with np.errstate(invalid="ignore"):
-        return heights / total, 1.0 - missing
-
-
-def mixed(make_grid: MakeGrid) -> Patchwork:
-    fine = with_void(make_grid(degrees=33.0, accuracy=0.1), np.s_[30:70, 10:40], np.s_[0:8, 0:9])
-    return patchwork(fine, make_grid(120.0, 60, 50, degrees=-5.0, accuracy=3.0), make_grid(7.0, 50, 37))
-
-
-def test_compiled_surface_equals_the_oracle(make_grid: MakeGrid) -> None:
-    work = mixed(make_grid)
-    x, y = np.random.default_rng(3).uniform(0.0, 10_000.0, (2, 3000))
-    x[:1000], y[:1000] = 5000.0 + 0.05 * (x[:1000] - 5000.0), 5000.0 + 0.05 * (y[:1000] - 5000.0)
-    for error in (0.0, 4.0, 30.0):
-        which = work.cover(error)
-        surface = work.surface(which)
-        found = surface.evaluate(x, y)
-        height, weight = oracle(work, which, x, y)
-        assert np.abs(found.weight - weight).max() < 1e-9
-        solid = weight > 1e-2
-        assert solid.sum() > 1500
-        assert np.abs(found.height - height)[solid].max() < 1e-6
-        assert np.isnan(found.height[found.weight == 0.0]).all()
-        for slope, dx, dy in ((found.east, 0.01, 0.0), (found.north, 0.0, 0.01)):
-            ahead, behind = surface.evaluate(x + dx, y + dy), surface.evaluate(x - dx, y - dy)
-            difference = (ahead.height - behind.height) / 0.02
-            assert np.nanmax(np.abs(difference - slope)[weight > 0.1]) < 1e-5
 
 
 @pytest.mark.parametrize("degrees", [0.0, 17.0, 45.0])

@@ -87,13 +87,6 @@ def test_streams_meander_on_level_floors_only(fall, least, most):
     assert least <= np.median(found) <= most
 
 
-def test_dry_climates_have_fewer_and_narrower_streams():
-    flow = drained_valley(0.05)
-    (humid,), (dry,) = streams_of(flow), streams_of(flow, runoff=0.5)
-    assert arc_length(dry.line)[-1] < arc_length(humid.line)[-1] - 8.0 * SPACING
-    assert dry.width.max() < 0.8 * humid.width.max()
-
-
 def test_a_stream_joins_the_painted_river_that_it_comes_to():
     flow = drained_valley(0.05)
     points = [(200.0, 700.0, 12.0, 2.0), (1100.0, 650.0, 12.0, 2.0), (2300.0, 500.0, 12.0, 2.0)]
@@ -112,16 +105,6 @@ def test_no_stream_runs_where_it_is_barred():
     for stream in streams:
         row = stream.line[:, 1] / SPACING
         assert not ((row > 39.5) & (row < 59.5)).any()
-
-
-def test_the_same_stream_is_the_same_object():
-    flow, run = drained_valley(0.05), Runner()
-    size = ((SIDE - 1) * SPACING,) * 2
-    one, two = (
-        stream_courses(flow, (), size=size, runoff=1.0, seed=1, displaced=lambda at: at, run=run)
-        for _ in range(2)
-    )
-    assert one[0] is two[0]
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,14 @@ from sketchterrain.array_types import BoolArray
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.schema.parameters import Properties
 
-Points = Sequence[tuple[float, float]]
+Points = str | Sequence[tuple[float, float]]
 Labels = Mapping[tuple[str, int], Properties]
 FloatArray = npt.NDArray[np.float64]
+
+
+def _points(text: str) -> list[tuple[float, float]]:
+    """Return the points of a list in SVG's notation, "x,y x,y …"."""
+    return [(float(x), float(y)) for x, y in (pair.split(",") for pair in text.split())]
 
 
 class _Canvas:
@@ -61,6 +66,7 @@ class _Canvas:
 
         It strays by `sway` px over tens of pixels and by `tremor` px over a few.
         """
+        points = _points(points) if isinstance(points, str) else points
         knots = np.array([*points, points[0]] if closed else points, np.float64)
         chords = np.hypot(*np.diff(knots, axis=0).T)
         at = np.concatenate([[0], np.cumsum(chords if straight else np.sqrt(chords))])
@@ -126,28 +132,8 @@ class _Canvas:
 def range_across(seed: int = 0) -> Sketch:
     """A hiking-map maker's main range of 1,800 m from edge to edge, outlined and filled, and foothills."""
     canvas = _Canvas(512, 384, seed)
-    north = [
-        (-30, 128),
-        (40, 110),
-        (105, 84),
-        (170, 92),
-        (228, 58),
-        (300, 72),
-        (365, 50),
-        (430, 74),
-        (545, 46),
-    ]
-    south = [
-        (545, 190),
-        (478, 216),
-        (420, 205),
-        (355, 236),
-        (290, 226),
-        (226, 262),
-        (160, 240),
-        (88, 276),
-        (-30, 250),
-    ]
+    north = _points("-30,128 40,110 105,84 170,92 228,58 300,72 365,50 430,74 545,46")
+    south = _points("545,190 478,216 420,205 355,236 290,226 226,262 160,240 88,276 -30,250")
     canvas.paint("mountain", 1, canvas.outline([*north, *south], 5.0, tremor=0.9))
     canvas.paint("mountain", 2, canvas.blob(88, 330, 58, 36, 0.2), canvas.blob(455, 300, 50, 40, -0.4))
     canvas.paint(
@@ -160,11 +146,11 @@ def range_across(seed: int = 0) -> Sketch:
     canvas.paint(
         "river",
         1,
-        canvas.stroke([(268, 210), (262, 248), (286, 286), (338, 310), (346, 345), (372, 390)], 1.8, 2.0),
-        canvas.stroke([(180, 118), (192, 84), (176, 52), (196, 22), (190, -6)], 1.5, 2.0),
+        canvas.stroke("268,210 262,248 286,286 338,310 346,345 372,390", 1.8, 2.0),
+        canvas.stroke("180,118 192,84 176,52 196,22 190,-6", 1.5, 2.0),
     )
-    canvas.paint("river", 2, canvas.stroke([(398, 192), (404, 236), (380, 276), (339, 311)], 1.2, 1.5))
-    canvas.paint("river", 2, canvas.stroke([(132, 262), (150, 300), (170, 338), (160, 390)], 1.2, 1.5))
+    canvas.paint("river", 2, canvas.stroke("398,192 404,236 380,276 339,311", 1.2, 1.5))
+    canvas.paint("river", 2, canvas.stroke("132,262 150,300 170,338 160,390", 1.2, 1.5))
     for x, y, across, down in ((300, 268, 34, 12), (196, 288, 26, 15), (135, 44, 24, 14), (250, 30, 30, 14)):
         canvas.paint("forest", 1, canvas.scribble(x, y, across, down, 5))
     labels: Labels = {
@@ -182,25 +168,19 @@ def horseshoe_massif(seed: int = 0) -> Sketch:
     canvas = _Canvas(384, 384, seed)
     west = [(112, 288), (74, 226), (78, 150), (128, 88)]
     canvas.paint("mountain", 1, canvas.stroke(west, 56, 4.0, pressure=0.08))
-    canvas.paint(
-        "mountain", 1, canvas.stroke([(100, 112), (166, 72), (236, 80), (284, 118)], 60, 4.0, pressure=0.06)
-    )
-    canvas.paint("mountain", 2, canvas.stroke([(314, 168), (318, 216), (288, 268)], 46, 3.0, pressure=0.08))
-    canvas.paint(
-        "lake", 1, canvas.outline([(160, 190), (200, 162), (236, 186), (238, 226), (206, 250), (170, 234)], 3)
-    )
+    canvas.paint("mountain", 1, canvas.stroke("100,112 166,72 236,80 284,118", 60, 4.0, pressure=0.06))
+    canvas.paint("mountain", 2, canvas.stroke("314,168 318,216 288,268", 46, 3.0, pressure=0.08))
+    canvas.paint("lake", 1, canvas.outline("160,190 200,162 236,186 238,226 206,250 170,234", 3))
     canvas.paint(
         "river",
         1,
-        canvas.stroke([(206, 244), (200, 276), (218, 312), (204, 346), (212, 392)], 2.0, 2.0),
-        canvas.stroke([(196, 96), (204, 128), (194, 150), (202, 176)], 1.5, 1.5),
+        canvas.stroke("206,244 200,276 218,312 204,346 212,392", 2.0, 2.0),
+        canvas.stroke("196,96 204,128 194,150 202,176", 1.5, 1.5),
     )
-    canvas.paint("river", 2, canvas.stroke([(292, 190), (266, 194), (250, 208), (232, 208)], 1.0, 1.2))
+    canvas.paint("river", 2, canvas.stroke("292,190 266,194 250,208 232,208", 1.0, 1.2))
     canvas.paint("hill", 3, canvas.scribble(316, 346, 44, 20, 9, -0.2), canvas.scribble(58, 358, 36, 14, 9))
     canvas.paint("forest", 1, canvas.scribble(160, 284, 22, 26, 6, 0.3), canvas.scribble(248, 262, 16, 20, 6))
-    canvas.paint(
-        "forest", 2, canvas.scribble(258, 328, 20, 30, 5), canvas.stroke([(172, 352), (174, 356)], 4, 0.3)
-    )
+    canvas.paint("forest", 2, canvas.scribble(258, 328, 20, 30, 5), canvas.stroke("172,352 174,356", 4, 0.3))
     labels: Labels = {
         ("mountain", 1): {"height": 1150.0, "peakiness": 0.6, "multitude": 6},
         ("mountain", 2): {"height": 760.0, "peakiness": 0.4, "erosion": 0.9, "multitude": 3},
@@ -225,9 +205,7 @@ def scattered_hills(seed: int = 0) -> Sketch:
     canvas.paint("hill", 4, canvas.scribble(58, 282, 30, 18, 7, 0.2))
     main = [(-20, 84), (34, 92), (60, 166), (112, 184), (160, 176), (214, 196), (262, 190), (330, 204)]
     canvas.paint("river", 1, canvas.stroke(main, 2.0, 1.8))
-    canvas.paint(
-        "river", 2, canvas.stroke([(184, -8), (170, 34), (190, 88), (164, 128), (168, 178)], 1.6, 1.8)
-    )
+    canvas.paint("river", 2, canvas.stroke("184,-8 170,34 190,88 164,128 168,178", 1.6, 1.8))
     for x, y, across, down in ((150, 70, 14, 12), (250, 122, 17, 12), (146, 264, 13, 15), (214, 234, 12, 8)):
         canvas.paint("forest", 1, canvas.scribble(x, y, across, down, 4, canvas.rng.uniform(-1, 1)))
     labels: Labels = {
@@ -243,28 +221,13 @@ def scattered_hills(seed: int = 0) -> Sketch:
 def island_group(seed: int = 0) -> Sketch:
     """A fantasy author's archipelago: coasts drawn with a pencil, the sea poured in with the bucket."""
     canvas = _Canvas(512, 512, seed)
-    main = [
-        (118, 196),
-        (160, 128),
-        (232, 106),
-        (286, 134),
-        (352, 122),
-        (396, 170),
-        (372, 226),
-        (398, 282),
-        (338, 330),
-    ]
+    main = _points("118,196 160,128 232,106 286,134 352,122 396,170 372,226 398,282 338,330")
     main += [(282, 308), (238, 352), (168, 338), (178, 282), (124, 258)]
     island = canvas.outline(main, 6.0, tremor=1.5)
     volcano = canvas.blob(418, 420, 58, 52)
     canvas.paint("sea", 1, np.ones(canvas.shape, np.bool_))
     canvas.paint("sea", 0, island, volcano)
-    canvas.paint(
-        "sea",
-        0,
-        canvas.blob(96, 404, 54, 30, 0.5),
-        canvas.outline([(52, 66), (92, 52), (110, 84), (70, 104)], 3),
-    )
+    canvas.paint("sea", 0, canvas.blob(96, 404, 54, 30, 0.5), canvas.outline("52,66 92,52 110,84 70,104", 3))
     for x, y, size in (
         (176, 424, 11),
         (204, 452, 7),
@@ -274,24 +237,20 @@ def island_group(seed: int = 0) -> Sketch:
         (300, 398, 9),
     ):
         canvas.paint("sea", 0, canvas.blob(x, y, size, 0.8 * size))
-    canvas.paint(
-        "mountain",
-        1,
-        canvas.outline([(182, 170), (250, 140), (322, 168), (342, 222), (290, 258), (206, 252)], 4),
-    )
+    canvas.paint("mountain", 1, canvas.outline("182,170 250,140 322,168 342,222 290,258 206,252", 4))
     canvas.paint("mountain", 2, canvas.blob(420, 420, 38, 35))
     canvas.paint("hill", 1, canvas.blob(96, 404, 34, 16, 0.5), canvas.scribble(350, 288, 20, 18, 8, 0.4))
     canvas.paint("hill", 1, canvas.scribble(206, 308, 14, 18, 6))
     canvas.paint(
         "river",
         1,
-        canvas.stroke([(262, 226), (258, 268), (264, 298), (268, 330)], 1.4, 1.4),
-        canvas.stroke([(224, 172), (196, 158), (172, 160), (134, 150)], 1.2, 1.4),
-        canvas.stroke([(312, 204), (346, 218), (362, 240), (392, 246)], 1.2, 1.4),
+        canvas.stroke("262,226 258,268 264,298 268,330", 1.4, 1.4),
+        canvas.stroke("224,172 196,158 172,160 134,150", 1.2, 1.4),
+        canvas.stroke("312,204 346,218 362,240 392,246", 1.2, 1.4),
     )
     canvas.paint("forest", 1, canvas.scribble(156, 222, 18, 24, 6), canvas.scribble(362, 170, 18, 22, 6, 0.5))
-    canvas.paint("forest", 1, canvas.stroke([(72, 388), (98, 392), (122, 414)], 7, 1.0))
-    canvas.paint("material", 1, canvas.stroke([(236, 356), (254, 340), (278, 322)], 4, 1.0))
+    canvas.paint("forest", 1, canvas.stroke("72,388 98,392 122,414", 7, 1.0))
+    canvas.paint("material", 1, canvas.stroke("236,356 254,340 278,322", 4, 1.0))
     labels: Labels = {
         ("mountain", 1): {"peakiness": 0.6, "multitude": 3},
         ("mountain", 2): {"height": 420.0, "peakiness": 0.9, "erosion": 0.4},
@@ -314,12 +273,7 @@ def lone_river_plain(seed: int = 0) -> Sketch:
     canvas.paint(
         "material", 1, canvas.blob(140, 94, 10, 8), canvas.blob(74, 128, 9, 11), canvas.blob(186, 168, 11, 8)
     )
-    canvas.paint(
-        "forest",
-        1,
-        canvas.stroke([(206, 34), (207, 35)], 2, 0.2),
-        canvas.stroke([(20, 226), (22, 226)], 2, 0.2),
-    )
+    canvas.paint("forest", 1, canvas.stroke("206,34 207,35", 2, 0.2), canvas.stroke("20,226 22,226", 2, 0.2))
     labels: Labels = {
         ("river", 1): {"width": 45.0, "depth": 4.0},
         ("forest", 1): {"multitude": 4},
@@ -334,28 +288,8 @@ def lone_river_plain(seed: int = 0) -> Sketch:
 def plateau_canyon(seed: int = 0) -> Sketch:
     """A geology teacher's escarpment for a lecture: a ragged rim, a canyon erased out of it, two buttes."""
     canvas = _Canvas(400, 400, seed)
-    rim = [
-        (-20, 300),
-        (34, 286),
-        (58, 316),
-        (96, 300),
-        (112, 262),
-        (150, 270),
-        (186, 232),
-        (176, 204),
-        (222, 192),
-    ]
-    rim += [
-        (262, 206),
-        (280, 168),
-        (262, 140),
-        (306, 122),
-        (352, 130),
-        (372, 92),
-        (420, 84),
-        (420, -20),
-        (-20, -20),
-    ]
+    rim = _points("-20,300 34,286 58,316 96,300 112,262 150,270 186,232 176,204 222,192")
+    rim += _points("262,206 280,168 262,140 306,122 352,130 372,92 420,84 420,-20 -20,-20")
     canvas.paint("plateau", 1, canvas.outline(rim, 3.0, tremor=1.1))
     canyon = [(128, -10), (136, 36), (106, 74), (120, 118), (166, 132), (178, 176), (200, 214), (226, 240)]
     side = [(-10, 164), (34, 158), (62, 128), (114, 112)]
@@ -366,9 +300,7 @@ def plateau_canyon(seed: int = 0) -> Sketch:
         "river", 1, canvas.stroke([*canyon, (232, 276), (286, 312), (300, 352), (340, 408)], 1.8, 1.0)
     )
     canvas.paint("river", 2, canvas.stroke(side, 1.1, 0.8))
-    canvas.paint(
-        "forest", 1, canvas.stroke([(244, 282), (276, 296), (306, 326), (316, 352)], 6, 1.5, pressure=0.3)
-    )
+    canvas.paint("forest", 1, canvas.stroke("244,282 276,296 306,326 316,352", 6, 1.5, pressure=0.3))
     canvas.paint("dune", 1, canvas.scribble(110, 362, 56, 20, 10, -0.1))
     labels: Labels = {
         ("plateau", 1): {"height": 420.0, "cliffness": 0.9, "strata": 0.8},
@@ -402,11 +334,9 @@ def broad_hills(seed: int = 0) -> Sketch:
     opacity = 1 - clear + 0.15 * grain
     canvas.paint("hill", 1, opacity > 0.42)
     canvas.paint("hill", 2, opacity > 0.8)
-    canvas.paint(
-        "river", 1, canvas.stroke([(186, -8), (194, 40), (182, 84), (206, 112), (198, 138)], 1.4, 1.6)
-    )
+    canvas.paint("river", 1, canvas.stroke("186,-8 194,40 182,84 206,112 198,138", 1.4, 1.6))
     canvas.paint("lake", 1, canvas.blob(197, 148, 14, 11))
-    canvas.paint("river", 1, canvas.stroke([(120, 124), (84, 130), (40, 120), (-8, 134)], 1.2, 1.6))
+    canvas.paint("river", 1, canvas.stroke("120,124 84,130 40,120 -8,134", 1.2, 1.6))
     canvas.paint(
         "forest", 1, canvas.scribble(148, 130, 18, 12, 6, 0.3), canvas.scribble(186, 222, 22, 12, 6, -0.4)
     )

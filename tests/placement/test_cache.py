@@ -1,6 +1,5 @@
 """Cached results are bit-equal to fresh ones, and a stroke recomputes only its neighbourhood."""
 
-from concurrent.futures import ThreadPoolExecutor
 from unittest.mock import Mock
 
 import numpy as np
@@ -60,25 +59,6 @@ def test_only_shapes_of_a_stroke_are_broken_up_and_the_oldest_are_evicted(monkey
     assert [call.args[0].id for call in broken_up.call_args_list[5:]] == [4 * 96 + 26, 30 * 96 + 30]
 
 
-def test_placement_with_a_cache_equals_placement_without():
-    rolled = {name: np.roll(image, 1, 1) for name, image in squares().layers.items()}
-    for changed in (
-        {"fidelity": 0.3},
-        {"labels": {("mountain", 1): {"multitude": 9}}},
-        {"labels": {("hill", 2): {"multitude": 1}}},
-        {"extent": 100.0},
-        {"layers": {"mountain": squares().layers["mountain"], "river": squares().layers["hill"]}},
-        {"layers": {"mountain": np.ones((64, 96), np.uint8)}},
-        {"layers": {"mountain": np.ones((32, 96), np.uint8)}},
-        {"layers": rolled},
-    ):
-        run = Runner()
-        place(squares(), seed=1, run=run)
-        after = squares().replace(**changed)
-        for seed in (1, 2):
-            assert np.array_equal(place(after, seed=seed, run=run), place(after, seed=seed)), changed
-
-
 def painted(sketch, rng):
     """Paint or erase a dab, or a short line of a river, on any layer."""
     name = str(rng.choice(["mountain", "hill", "dune", "forest", "river", "lake", "material"]))
@@ -134,37 +114,3 @@ def test_random_strokes_give_the_bits_of_fresh_placements_and_recipes(seed, fide
         seen.append(sketch)
         assert place(sketch, seed=1, run=run).tobytes() == place(sketch, seed=1).tobytes(), turn
         assert recipe_bits(make_recipe(sketch, memory=cache)) == recipe_bits(make_recipe(sketch)), turn
-
-
-class CancelledError(Exception):
-    pass
-
-
-@pytest.mark.slow
-def test_a_cancelled_recipe_leaves_a_valid_cache():
-    rng, cache = np.random.default_rng(9), Results()
-    sketch = painted_often(rng, 16)[-1]
-    make_recipe(sketch, memory=cache)
-    checkpoints = 0
-    while True:
-        sketch = painted(sketch, rng)
-        try:
-            cancel = Mock(side_effect=[None] * checkpoints + [CancelledError])
-            make_recipe(sketch, memory=cache, checkpoint=cancel)
-        except CancelledError:
-            checkpoints += 4
-        else:
-            break
-        if checkpoints % 12 == 0:
-            assert recipe_bits(make_recipe(sketch, memory=cache)) == recipe_bits(make_recipe(sketch))
-    assert checkpoints >= 12
-    assert recipe_bits(make_recipe(sketch, memory=cache)) == recipe_bits(make_recipe(sketch))
-
-
-@pytest.mark.slow
-def test_threads_share_a_cache():
-    cache, sketches = Results(), painted_often(np.random.default_rng(12), 18)[-4:]
-    with ThreadPoolExecutor(3) as pool:
-        recipes = list(pool.map(lambda sketch: make_recipe(sketch, memory=cache), sketches))
-    for recipe, sketch in zip(recipes, sketches, strict=True):
-        assert recipe_bits(recipe) == recipe_bits(make_recipe(sketch))

@@ -71,6 +71,21 @@ def test_the_fill_keeps_clear_of_painted_layers():
             assert np.all(distance[of_type] > CLEARANCE[name, layer] * found["radius"][of_type])
 
 
+def test_the_difference_of_two_fills_is_what_only_one_has():
+    row, column = np.mgrid[:64, :64]
+    box = (-2000.0, -2000.0, 6000.0, 6000.0)
+    painted = {name: np.zeros((64, 64), np.uint8) for name in ("hill", "forest", "river")}
+    before, everything = fill(**painted), fill(**painted).within(*box)
+    for name, radius in (("hill", 6), ("forest", 4), ("river", 2)):
+        painted[name] = (np.hypot(row - 30, column - 40) < radius).astype(np.uint8)
+        after = fill(**painted)
+        rows = [{each.tobytes() for each in found} for found in (everything, after.within(*box))]
+        removed, added = ({each.tobytes() for each in found} for found in before.difference(after))
+        assert (removed, added) == (rows[0] - rows[1], rows[1] - rows[0]), name
+        assert removed, name
+    assert before.difference(fill(seed=6, **painted)) is None
+
+
 def test_small_features_are_filtered_and_no_density_gives_none():
     sketch = Sketch()
     nothing = Fill.from_sketch(sketch, place(sketch, seed=1), seed=1)

@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.roads.road_shapes import axis_points
 from sketchterrain.roads.road_types import profile_at
-from tests.sample_roads import curved_road, make_network, make_road, straight_road
+from tests.sample_roads import curved_road, make_road, straight_road
 
 
 def test_straight_road_of_one_grade_has_its_stations_alone() -> None:
@@ -41,14 +41,3 @@ def test_vertical_curves_are_within_the_tolerance() -> None:
     share = np.linspace(0.0, 1.0, 1001)
     line = np.interp(100.0 * share, points.along, points.position[:, 2])
     assert np.abs(line - profile_at(crest, np.zeros(1001, int), share)).max() <= 0.01
-
-
-def test_parts_meet_bit_for_bit() -> None:
-    ground, bridge, rest = (axis_points(road, 0.05) for road in curved_road())
-    for before, after in ((ground, bridge), (bridge, rest)):
-        assert np.array_equal(before.position[-1], after.position[0])
-        assert before.left[-1] == pytest.approx(after.left[0])
-    for road in make_network().roads:
-        points = axis_points(road, 0.05)
-        assert np.hypot(*points.left.T) == pytest.approx(1.0)
-        assert (np.diff(points.along) > 0.0).all()

@@ -184,18 +184,6 @@ def test_each_field_runs_the_stages_that_declare_it_and_what_differs_after():
     cases(1)
 
 
-def test_roads_leave_the_natural_terrain_as_it_is():
-    sketch, results = base(), Results(max_bytes=1 << 32)
-    before = Evaluation(STAGES, sketch, Runner(results))
-    before["recipe"]
-    changed = dict(changes(sketch))["vectors.road"]
-    run = LoggedRunner(results)
-    after = Evaluation(STAGES, changed, run)
-    after["recipe"]
-    assert run.ran == ["roads", "recipe"]
-    assert after["natural"] is before["natural"]
-
-
 def shares_of(sketch, results, stop=2.0):
     """Return the shares done that are reported until one reaches a limit, which cancels."""
     shares = []
@@ -261,15 +249,6 @@ def test_a_stage_has_no_access_to_what_it_does_not_declare():
         @stage()
         def early(later):
             return later
-
-
-def test_a_part_has_the_methods_of_its_sketch():
-    sketch = base()
-    part = part_of(sketch, "extent", "size", "layers.hill", "labels.hill", "climate.aridity")
-    assert (part.pixel_size, part.size) == (sketch.pixel_size, sketch.size)
-    assert part.properties("hill", 1) == sketch.properties("hill", 1)
-    assert dict(part.climate) == {"aridity": sketch.climate["aridity"]}
-    assert digest_of(part_of(part, "extent")) == digest_of(part_of(sketch, "extent"))
 
 
 def test_the_architecture_names_the_stages_in_their_order():

@@ -100,15 +100,6 @@ def test_all_that_pixels_read_is_needed(eye, forward, fov):
     assert len(codes) < 482
 
 
-def test_an_eye_far_above_the_ground_needs_no_fine_tiles():
-    tiles = AppearanceTiles(EXTENT, slots=ROOM)
-    view, _ = camera_view((0.0, 0.0, 1000.0), (0.0, 0.1, -1.0))
-    level = decode(tiles.needed(view, flat_pool(), everywhere).codes)[0]
-    low = decode(tiles.needed(view, flat_pool(990.0), everywhere).codes)[0]
-    assert tiles.reach(view, int(level.max()) + 1) < 1000.0 < tiles.reach(view, int(level.max()))
-    assert low.max() > level.max() + 4
-
-
 class Painter:
     """Stands for the textures: remembers which tile each slot has."""
 

@@ -166,18 +166,6 @@ def test_small_changes_rewrite_few_tiles_and_hidden_ones_later(toy, world):
     assert all_new(writer, draws)
 
 
-def test_changed_tiles_that_are_not_in_use_are_removed(toy, world):
-    stream, writer = world
-    here, there = (toy.view_from((x, 200.0, 60.0)) for x in (300.0, 12_000.0))
-    converge(stream, writer, here)
-    converge(stream, writer, there)
-    cached = stream.pool.count
-    removed = writer.change(UNBOUNDED)
-    assert removed > 0
-    assert stream.pool.count == cached - removed
-    assert all_new(writer, converge(stream, writer, here))
-
-
 def test_bounds_errors_and_level_of_detail_follow_the_changed_terrain(toy, world):
     stream, writer = world
     view = toy.view_from((300.0, 200.0, 60.0))

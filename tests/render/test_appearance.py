@@ -7,7 +7,6 @@ from itertools import count
 import numpy as np
 import pytest
 
-from sketchterrain.render.appearance import premultiplied
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
@@ -284,12 +283,3 @@ def test_narrow_roads_fade_by_the_share_of_a_pixel(studio):
     change = np.array([np.abs(each - bare).sum() for each in shown])
     assert change[0] > 0
     np.testing.assert_allclose(change / change[0], [1.0, 2.0, 4.0], rtol=0.35)
-
-
-def test_filters_of_premultiplied_texels_keep_the_colour():
-    tiles = np.array([[[[200, 100, 50, 255], [9, 9, 9, 0], [200, 100, 50, 128]]]], np.uint8)
-    ready = premultiplied(tiles).astype(float)
-    assert (ready[0, 0, 0] == [200, 100, 50, 255]).all()
-    assert not ready[0, 0, 1].any()
-    for mean in (ready[0, 0, :2].mean(axis=0), ready[0, 0, 1:].mean(axis=0)):
-        np.testing.assert_allclose(255.0 * mean[:3] / mean[3], [200.0, 100.0, 50.0], atol=2.0)

@@ -27,9 +27,6 @@ def quality_of(level, *without):
     return replace(Quality.from_level(level, without=("clouds", "haze", *without)), **small)
 
 
-ROAD = make_road([(100, 250, 0), (900, 250, 0)], crossfall=np.zeros((2, 2)), shoulder=0.0)
-
-
 class Flat(Waves):
     """Level ground with a ridge of 60 m along y = 500."""
 

@@ -106,18 +106,6 @@ def test_cached_heights_near_the_eye_match_the_terrain(waves):
     assert calls == [1, 1, 1, 2, 3, 4, 4]
 
 
-def test_a_moving_eye_stays_above_the_terrain_with_few_height_maps(waves):
-    for boost in (1.0, 20.0):
-        counted = Mock(wraps=waves, extent=waves.extent, sea_level=None)
-        walk = WalkController(LocalHeights(counted), (100.0, 300.0, 0.0), heading=40.0, pitch=-20.0)
-        for _ in range(400):
-            walk.look(0.3, 0.0)
-            walk.advance(1 / 60, forward=1.0, boost=boost)
-            x, y, z = walk.eye
-            assert z > float(waves.heights(x, y)) + 0.9 * CLEARANCE, boost
-        assert counted.heights.call_count < 60, boost
-
-
 def plain(x, y):
     return np.zeros(np.broadcast(x, y).shape)
 

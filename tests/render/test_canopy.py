@@ -12,6 +12,7 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun, Weather
+from tests import terrains
 
 SIZE = 480, 270
 EXTENT, PIXELS = 6000.0, 64
@@ -26,7 +27,10 @@ MOST_OF_ONE = 3.0
 def wood():
     forest = np.zeros((PIXELS, PIXELS), np.uint8)
     forest[6:58, 6:58] = 1
-    return build(Sketch(extent=EXTENT, seed=5, layers={"forest": forest}, density={"forest": 0.0}))
+    return build(
+        Sketch(extent=EXTENT, seed=5, layers={"forest": forest}, density={"forest": 0.0}),
+        device=terrains.context(),
+    )
 
 
 def view(terrain):

@@ -10,7 +10,7 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.render.grass import DETAILS, KINDS, LEAF, PETAL, tuft_mesh
 from sketchterrain.render.ground import NEAR_WIDTH
 from sketchterrain.render.ground_cover import DETAILS as ROCK_DETAILS
-from sketchterrain.render.ground_cover import ROCK_LAYERS, SHAPES, GroundCover, rock_mesh, sorted_by_mesh
+from sketchterrain.render.ground_cover import ROCK_LAYERS, SHAPES, GroundCover, rock_mesh
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scatter import (
     BAND,
@@ -205,20 +205,6 @@ def test_stone_meshes_are_closed_and_outward_at_every_detail():
             assert np.abs(np.linalg.norm(outward, axis=1) - 1.0).max() < 1e-5, (shape, detail)
             assert (np.einsum("ij,ij->i", outward, place) > 0.0).all(), (shape, detail)
         assert min(volumes) > 0.75 * max(volumes), shape
-
-
-def test_sorting_by_mesh_is_a_permutation():
-    layer = ScatterLayer(
-        salt=3, density=0.5, full_distance=10.0, draw_distance=60.0, cell_size=8.0, details=(5.0, 15.0, 30.0)
-    )
-    eye = (12.0, 40.0, 3.0)
-    places = scatter_points(layer, cells_within(eye, 60.0, 8.0), eye, 1.0)
-    sorted_ = sorted_by_mesh(places)
-    assert sorted_.counts.shape == (ROCK_DETAILS * len(SHAPES),)
-    assert sorted_.counts.sum() == len(places.rows)
-    assert sorted_.counts.reshape(ROCK_DETAILS, -1).sum(axis=1).tolist() == places.counts.tolist()
-    assert np.sort(sorted_.rows.view("V16")).tobytes() == np.sort(places.rows.view("V16")).tobytes()
-    assert (sorted_.counts.reshape(ROCK_DETAILS, -1) > 0).any(axis=0).all()
 
 
 LAYER = ScatterLayer(

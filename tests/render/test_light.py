@@ -8,7 +8,7 @@ import pytest
 
 from sketchterrain.io.resources import source
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.light_map import BLOCK, LightMap, LightMapRenderer, TexelSquare
+from sketchterrain.render.light_map import LightMap, LightMapRenderer, TexelSquare
 from sketchterrain.render.lit_ground import FADE, GroundLighting
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.quality import TimeBudget, WorkRate
@@ -48,16 +48,6 @@ def computed_maps(renderer, *squares):
 def texels(light_map):
     side = light_map.square.texels
     return np.frombuffer(light_map.light.read(), np.float16).reshape(side, side, 4)
-
-
-def test_squares_are_block_aligned():
-    rng = np.random.default_rng(7)
-    for x, y in rng.uniform(-1e6, 1e6, (50, 2)):
-        square = TexelSquare.around(x, y, width=1300.0, texels=256)
-        assert square.col % BLOCK == square.row % BLOCK == 0
-        block = BLOCK * square.texel
-        assert abs(square.west + 0.5 * square.width - x) <= 0.5 * block + 1e-6
-        assert abs(square.south + 0.5 * square.width - y) <= 0.5 * block + 1e-6
 
 
 def test_work_rate_adapts_and_recovers_from_outliers():
@@ -147,18 +137,6 @@ def test_sliced_maps_are_bit_equal_and_reuse_heights(gl):
     assert (computed.relief.heights == whole.relief.heights).all()
     assert computed.light.read() == whole.light.read()
     assert terrain.queried == 192 * 192 - 128 * 128
-
-
-@pytest.mark.gl
-def test_overlapping_squares_agree(gl):
-    renderer = LightMapRenderer(gl, Wall(), Sun(90.0, 80.0))
-    first, second = (
-        computed_maps(renderer, TexelSquare(-64, -64, 128, 40.0), TexelSquare(col, -192, 384, 2.0))[1]
-        for col in (-192, -128)
-    )
-    a, b = texels(first)[:, 64:], texels(second)[:, :-64]
-    inner = (slice(80, -80), slice(80, -80))
-    assert np.abs(a[inner].astype(float) - b[inner].astype(float))[..., :2].max() < 4e-3
 
 
 @pytest.mark.gl

@@ -33,7 +33,7 @@ from sketchterrain.render.plant_meshes import (
     visible_share,
     width_scale,
 )
-from sketchterrain.render.plant_shade import PlantShadows, shadow_matrix, sun_axes
+from sketchterrain.render.plant_shade import PlantShadows
 from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.textures import material_macros
@@ -178,17 +178,6 @@ def test_commands_draw_each_instance_once(gl):
     assert (np.diff(parts[:, 3].astype(int)) > 0).all()
     ends = (meshes.first + meshes.vertices).ravel()
     assert (meshes.first.ravel()[1:] == ends[:-1]).all()
-
-
-def test_shadow_matrix_is_right_handed_along_the_light():
-    axes = sun_axes(SUN)
-    assert np.allclose(axes @ axes.T, np.eye(3))
-    assert np.allclose(np.cross(axes[0], axes[1]), axes[2])
-    corner = shadow_matrix(SUN, np.zeros(3), 50.0, 400.0) @ [*(axes[0] * 50.0 + axes[1] * 50.0), 1.0]
-    assert np.allclose(corner[:2], 1.0)
-    centre = np.array([10.0, 20.0, -3.0])
-    along = shadow_matrix(SUN, centre, 50.0, 400.0) @ [*(centre + 100.0 * SUN.direction), 1.0]
-    assert np.allclose(along, [0.0, 0.0, -0.25, 1.0])
 
 
 @pytest.mark.gl

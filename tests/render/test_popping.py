@@ -5,9 +5,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build
 from sketchterrain.io.resources import preset_names
 from sketchterrain.render.camera import Camera, draw_distance
@@ -18,6 +16,7 @@ from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.tiles.lod import ScreenError
 from sketchterrain.world.viewed import StoredTerrain
+from tests import terrains
 from tests.devices import DEVICES, NO_DEVICE
 
 from ..world.grown import InMemoryWorld
@@ -128,7 +127,7 @@ def is_below_ground(view, stream, camera, ground, reach):
 def terrain(request):
     if not DEVICES:
         pytest.skip(NO_DEVICE)
-    return build(load_sketch(request.param), device=ComputeContext())
+    return terrains.preset(request.param)
 
 
 @pytest.mark.gl
@@ -174,7 +173,7 @@ def ending_terrain():
     mountain[50:64, 16:48] = 1  # across the southern border
     forest[56:64, 50:64] = 1
     sketch = Sketch(extent=2048.0, layers={"mountain": mountain, "forest": forest})
-    return build(sketch, device=ComputeContext())
+    return build(sketch, device=terrains.context())
 
 
 @pytest.fixture(scope="module")

@@ -411,16 +411,6 @@ def test_cloud_layer_distance_on_a_spherical_earth(gl):
     assert got[0] == pytest.approx(np.sqrt(2.0 * EARTH * up), rel=1e-4)
 
 
-@pytest.mark.gl
-def test_cloud_phase_function_is_normalised(gl):
-    cosine = np.linspace(-1.0, 1.0, 20_001)
-    includes = [FRAME, "render/cloud_light.glsl"]
-    for g in (-0.15, 0.0, 0.75):
-        rows = np.c_[cosine, np.full_like(cosine, g), cosine, cosine]
-        share = evaluate(gl, includes, "vec4(scattered(a.x, a.y))", rows)[:, 0].astype(float)
-        assert 2.0 * np.pi * np.trapezoid(share, cosine) == pytest.approx(1.0, abs=2e-3), g
-
-
 def sky_picture(draw, waves, weather, quality, clock=0.0):
     camera = Camera((500.0, 100.0, 160.0), (500.0, 700.0, 200.0), far=20_000.0)
     given = {"sun": Sun(250.0, 35.0), "weather": weather, "quality": quality, "clock": clock}

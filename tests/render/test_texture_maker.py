@@ -18,10 +18,7 @@ from sketchterrain.look.texture_levels import (
 from sketchterrain.look.texture_maker import (
     decode_level,
     emboss,
-    encode_level,
-    halve,
     mipmaps,
-    moments,
     paint_layer,
 )
 from sketchterrain.render.quality import Quality
@@ -33,7 +30,6 @@ from sketchterrain.render.textures import (
     texture_phases,
     texture_uniforms,
     texture_widths,
-    tileable_noise,
 )
 from sketchterrain.schema.materials import BUILT_IN, Texture, linear_from_hex
 from tests.devices import DEVICES, each_other_device, needs_device
@@ -162,22 +158,6 @@ def test_mipmaps_match_float64_averages_and_decoding_inverts():
         assert np.abs(got[..., :2] / 255.0 - (0.5 + 0.5 * normal)).max() < BYTE + 1e-6
         assert np.abs(got[..., 2] / 255.0 - expected).max() < BYTE + 1e-5
         assert np.abs(got[..., 3] / 255.0 - block_mean(relief[..., 3:], side)[..., 0]).max() < BYTE + 1e-6
-
-
-def test_roughness_grows_by_slope_variance():
-    painted, relief = surface(16)
-    relief[...] = [0.3, -0.2, 0.4, 0.8]
-    for _, level in mipmaps(painted, relief):
-        assert (level == level[0, 0]).all()
-        assert abs(level[0, 0, 2] / 255.0 - 0.4) < BYTE + 1e-6
-    fields = np.zeros((2, 2, 4))
-    fields[..., 0] = [[0.5, -0.5], [0.5, -0.5]]
-    fields[..., 2] = 0.5
-    slopes = moments(np.zeros((2, 2, 4)), fields)[1]
-    _, relief = encode_level((np.zeros((1, 1, 4), np.float32), halve(slopes)))
-    # Variance 0.25 in one direction, none in the other.
-    assert abs(relief[0, 0, 2] / 255.0 - (0.5**4 + 2 * 0.125) ** 0.25) < BYTE + 1e-6
-    assert relief[0, 0, :2].tolist() == [128, 128]
 
 
 def density(slope, alpha):
@@ -402,11 +382,3 @@ def test_texture_phases_match_the_oracle_and_are_periodic():
     assert dict(zip(BUILT_IN.layers, widths, strict=True)) == dict(
         zip(BUILT_IN.layers, WIDTHS, strict=True)
     ) | {"sand": 9.0}
-
-
-def test_noise_is_tileable():
-    field = tileable_noise(64)
-    inner = np.abs(np.diff(field, axis=0)).max(axis=(0, 1))
-    seam = np.abs(field[0] - field[-1]).max(axis=0)
-    assert (seam <= 1.5 * inner).all()
-    assert np.allclose(field.mean(axis=(0, 1)), 0, atol=1e-6)

@@ -64,28 +64,6 @@ def test_levels_match_the_finest_area_and_colour(species):
     assert means == pytest.approx(np.full(DETAILS, means[0]), rel=0.08)
 
 
-def test_levels_have_the_same_outline():
-    """How wide a plant is, by height."""
-    for species, variant in itertools.product(SPECIES, range(VARIANTS)):
-        widths = []
-        for detail in range(4):
-            place = level(species, variant, detail).position.reshape(-1, 3)
-            away = np.linalg.norm(place[:, :2], axis=1)
-            bands = np.clip((place[:, 2] * 3).astype(int), 0, 2)
-            widths.append([np.quantile(away[bands == band], 0.95) for band in range(3)])
-        assert np.allclose(widths[1:], widths[0], atol=0.16), (species, variant)
-
-
-def test_crowns_are_dark_inside():
-    for species in ("spruce", "oak", "birch"):
-        triangles = level(species, 0, 0)
-        leafy = triangles.leafiness == 1.0
-        away = np.linalg.norm(triangles.position[leafy].mean(axis=1)[:, :2], axis=1)
-        opened = triangles.openness[leafy].mean(axis=1)
-        low, high = np.quantile(away, [0.2, 0.8])
-        assert opened[away < low].mean() < 0.85 * opened[away > high].mean()
-
-
 @pytest.mark.gl
 def test_shader_leaf_mask_matches_the_oracle(gl):
     rng = np.random.default_rng(4)

@@ -15,10 +15,11 @@ from sketchterrain.measure.adherence_rivers import standing_water
 from sketchterrain.render.offscreen import SnapshotRenderer, render_picture
 from sketchterrain.render.programs import ResourceCache, open_context
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.scene import HeightMap, sample_heights
+from sketchterrain.render.scene import sample_heights
 from sketchterrain.render.sky import Weather, sun_at
 from sketchterrain.render.viewpoints import TREES, LandCover, sun_preference, unobstructed_distance
 from sketchterrain.render.views import find_view
+from tests import terrains
 
 HEIGHTS = {"auto": (15.0, 195.0), "ground": (1.7, 4.0), "hill": (1.7, 4.0), "air": (240.0, 710.0)}
 """m above the terrain."""
@@ -38,7 +39,8 @@ def terrain():
             density={"hill": 1.0},
             layers={"mountain": mountain, "river": river, "forest": forest, "lake": lake},
             labels={("mountain", 1): {"height": 400.0}, ("river", 1): {"width": 20.0}},
-        )
+        ),
+        device=terrains.context(),
     )
 
 
@@ -124,7 +126,7 @@ def test_views_show_the_small_features_of_a_wide_plain(layer):
     image = np.zeros((64, 64), np.uint8)
     image[18:24, 16:24] = 1
     extent = 10000.0 if layer == "lake" else 6000.0
-    terrain = build(Sketch(extent=extent, seed=16, layers={layer: image}))
+    terrain = build(Sketch(extent=extent, seed=16, layers={layer: image}), device=terrains.context())
     for kind in ("air", "hill", "ground"):
         assert painted_share(terrain, find_view(terrain, kind)) > 0.02, kind
 
@@ -181,23 +183,16 @@ def sketch(seed, *, extent=1024.0, look=None):
 @pytest.mark.soak
 def test_snapshots_do_not_depend_on_their_order():
     other = sketch(2, extent=700.0, look={"grass": {"colour": "#c83c3c"}})
-    terrains = [build(sketch(1)), build(other)]
+    built = [build(sketch(1)), build(other)]
     with ThreadPoolExecutor(1) as thread:
         snapshots = thread.submit(SnapshotRenderer, SIZE).result()
-        found = [thread.submit(snapshots.picture, terrains[number]).result() for number in (0, 1, 0)]
+        found = [thread.submit(snapshots.picture, built[number]).result() for number in (0, 1, 0)]
         thread.submit(snapshots.close).result()
     timings = {}
-    assert (found[1] == render_picture(terrains[1], size=SIZE, timings=timings)).all()
+    assert (found[1] == render_picture(built[1], size=SIZE, timings=timings)).all()
     assert {"view", "tiles", "draw"} <= set(timings)
     assert (found[0] == found[2]).all()
     assert not (found[0] == found[1]).all()
-
-
-def test_height_maps_interpolate_a_plane_exactly():
-    along = np.arange(32) + 0.5
-    plane = HeightMap(100.0, -50.0, 32.0, (along[None, :] + 2 * along[:, None]).astype(np.float32))
-    x, y = np.array([110.3, 120.0]), np.array([-40.2, -30.7])
-    assert np.allclose(plane.at(x, y), (x - 100.0) + 2 * (y + 50.0))
 
 
 CHEAPER_WHEN_GREATER = {"tolerance", "neighbour_limit", "finest_quad", "thinning_pixels"}

@@ -130,8 +130,7 @@ class AppearanceTextures:
     def _source(self) -> Appearance:
         """Return what is painted on the terrain: its own appearance under draped layers."""
         terrain = self._terrain
-        is_painted = self._over_land and isinstance(terrain, PaintedTerrain)
-        own = terrain.appearance if is_painted else None
+        own = terrain.appearance if self._over_land and isinstance(terrain, PaintedTerrain) else None
         own = own or Appearance(PaintedLand.bare(terrain.extent, terrain.context))
         if self._drapes is None or self._drapes.is_empty:
             return own

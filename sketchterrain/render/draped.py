@@ -165,7 +165,7 @@ class DrapedScreen:
         try:
             if isinstance(screen, TwoStepDraping) and self._shows_rest:
                 screen.draw(view, targets, self._buffer)
-            elif screen is not None and rest is not None and self._shows_rest:
+            elif isinstance(screen, DrapedGeometry) and rest is not None and self._shows_rest:
                 screen.draw(rest, view, targets)
             for version, feature, share in held:
                 self.geometry.draw(version, view, targets, held=feature, share=share)

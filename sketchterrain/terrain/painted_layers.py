@@ -85,7 +85,7 @@ class PaintedLayers:
         return self._known.nbytes
 
     def launched(
-        self, corners: Float64Array, scale: Scale, names: Sequence[Hashable] | None
+        self, corners: npt.NDArray[np.floating[Any]], scale: Scale, names: Sequence[Hashable] | None
     ) -> tuple[npt.NDArray[Any], ...]:
         """Return starts, numbers, entries, pieces, anchors, styles and pictures for squares.
 
@@ -175,7 +175,9 @@ class _Lists:
         self._reach = rows[:, _STYLE["style_half_width"]] * np.where(square, np.sqrt(2.0), 1.0)
         self._is_mitred = rows[:, _STYLE["style_join"]] == _JOIN_NAMES.index("mitre")
         none = np.zeros(0, np.int32)
-        self._parts = [(none, np.zeros((0, 4), np.int32), none, np.zeros((0, 8)))]
+        self._parts: list[tuple[npt.NDArray[Any], ...]] = [
+            (none, np.zeros((0, 4), np.int32), none, np.zeros((0, 8)))
+        ]
         self._listed = self._pieces = 0
 
     def add(self, square: int, items: Items) -> None:
@@ -208,9 +210,8 @@ class _Lists:
         """Return starts of blocks, numbers, entries from the lowest to the highest layer, and pieces."""
         block, entries, numbers, pieces = map(np.concatenate, zip(*self._parts, strict=True))
         opacity, fill = (self._rows[:, _STYLE[name]] for name in ("style_opacity", "style_fill_opacity"))
-        shown = (
-            np.stack([opacity, fill, opacity + fill, opacity], axis=1) > 0.0
-        )  # STROKE, FILL, POINT, picture
+        # Of strokes, fills, points and pictures.
+        shown = np.stack([opacity, fill, opacity + fill, opacity], axis=1) > 0.0
         (order,) = np.nonzero(shown[entries[:, 0], entries[:, 1]])
         layer = self._rows[entries[order, 0], _STYLE["style_layer"]]
         order = order[np.lexsort((layer, block[order]))]

@@ -39,8 +39,8 @@ from sketchterrain.look.texture_levels import (
     own_material_images,
     procedural_levels,
 )
+from sketchterrain.schema.colours import linear_from_hex
 from sketchterrain.schema.geology import Strata
-from sketchterrain.schema.materials import linear_from_hex
 
 if TYPE_CHECKING:  # load OpenCL
     from sketchterrain.compute.context import ComputeContext

@@ -253,7 +253,7 @@ def _collect(
             raise InputError(f"no usable feature ({_skipped(skipped)})")
         raise InputError(
             f"no feature has a layer: expected a property layer ({', '.join(LAYERS)}), "
-            "tags such as waterway=river or natural=water, or one layer for all"
+            "tags such as waterway=river, or one layer for all"
         )
     return crs, _Features(*(np.concatenate(column) for column in zip(*collected, strict=True)))
 

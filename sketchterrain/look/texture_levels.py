@@ -24,8 +24,9 @@ from sketchterrain.look.texture_maker import (
     mipmaps,
     paint_layer,
 )
+from sketchterrain.schema.colours import linear_from_hex, srgb_to_linear
 from sketchterrain.schema.geology import Rock
-from sketchterrain.schema.materials import BUILT_IN, MaterialTable, Texture, linear_from_hex, srgb_to_linear
+from sketchterrain.schema.materials import BUILT_IN, MaterialTable, Texture
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

@@ -148,6 +148,7 @@ class TerrainStream:
             count,
             self.tile_renderer.tiles,
             self.tile_renderer.triangles,
+            self.tiles.complete,
             self.tiles.converged,
             far,
         )

@@ -91,6 +91,7 @@ class StreamStats:
     tiles_generated: int
     tiles_drawn: int
     triangles: int
+    complete: bool  # no tile in sight is missing
     converged: bool  # no tile is missing or morphing
     jumped: bool  # the eye jumped, and the frame got a larger budget
 

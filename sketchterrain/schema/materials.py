@@ -8,27 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
-from sketchterrain.array_types import Float64Array
-
 Tint = tuple[float, float, float]
 """Factors of red, green and blue of a linear albedo."""
 Colour = tuple[int, int, int]
 """sRGB, 0 to 255."""
 
 _NEUTRAL: Final = (1.0, 1.0, 1.0)
-
-
-def linear_from_hex(colour: str) -> Float64Array:
-    """Return the linear albedo of an sRGB colour ``#rrggbb``."""
-    return srgb_to_linear(np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0)
-
-
-def srgb_to_linear(values: npt.NDArray[np.floating]) -> Float64Array:
-    """Convert sRGB values 0..1 to linear ones (IEC 61966-2-1)."""
-    return np.asarray(np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))
 
 
 @dataclass(frozen=True)

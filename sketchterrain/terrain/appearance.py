@@ -78,7 +78,7 @@ class Appearance:
 
     def reach(self, old: Appearance) -> float:
         """Texels around `changed_areas` in which tiles may differ."""
-        return max(1.0, *(each.layers.reach for each in (self, old) if each.layers))
+        return max([1.0, *(each.layers.reach for each in (self, old) if each.layers)])
 
     def occupied(self, keys: npt.ArrayLike) -> BoolArray:
         """Return whether anything may be painted in tiles (n, 3) of level, column and row, (n,)."""

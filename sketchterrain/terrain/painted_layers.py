@@ -16,7 +16,7 @@ from sketchterrain.document.drapes import BLENDS
 from sketchterrain.features.items import Items
 from sketchterrain.host.library import host_function
 from sketchterrain.io.resources import kernel_columns, kernel_constants
-from sketchterrain.schema.materials import linear_from_hex
+from sketchterrain.schema.colours import linear_from_hex
 from sketchterrain.schema.styles import STYLE
 from sketchterrain.terrain.orthophotos import ROOTS
 from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE

@@ -99,7 +99,7 @@ def test_layers_take_their_kinds_of_features_only():
     assert refusal(kinds=np.array([-1, 1])) == "river: kinds: expected numbers from 0 to 255"
     assert "kinds: expected whole numbers" in refusal(kinds=np.array([1.0, 1.0]))
     for layer in ("hill", "rivers", "", "two\nlines", None, 3):
-        expected = "expected a vector layer, river, lake, road, railway, path, pad, wall, landuse"
+        expected = "expected a vector layer, river, lake, road, railway, path, pad, wall, landuse, powerline"
         assert refusal(layer).endswith(expected)
     one_of_two = {"parts": np.array([0, 2])}
     one_of_two |= {key: TWO_LINES[key][:1] for key in ("kinds", "ids", "labels")}

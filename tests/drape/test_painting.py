@@ -20,7 +20,7 @@ from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
-from sketchterrain.schema.materials import linear_from_hex
+from sketchterrain.schema.colours import linear_from_hex
 from sketchterrain.terrain.appearance import SIDE, Appearance
 from sketchterrain.terrain.orthophotos import Orthophoto
 from sketchterrain.terrain.painted_land import PaintedLand

@@ -273,10 +273,12 @@ def test_hidden_layers_and_painted_ones_draw_nothing(write, studio):
 def test_areas_of_two_layers_with_one_id_are_two(write):
     shapes = {"a": shapely.box(0, 0, 100, 100), "b": shapely.box(200, 0, 300, 100)}
     drapes = drapes_of(*(write(each, title=name, fill="#ff0000", colour="") for name, each in shapes.items()))
-    pieces = ConvexPieces.of_items(drapes.items((0, 0, 1000, 1000), 1.0), np.full(2, 1.0), np.zeros(2))
+    none = np.zeros(len(drapes.styles))
+    pieces = ConvexPieces.of_items(drapes.items((0, 0, 1000, 1000), 1.0), none + 1.0, none)
     fills = pieces.counts == 3
     found = areas(pieces.corners[fills, :3])
-    assert np.bincount(pieces.parts["style"][fills].astype(int), found) == pytest.approx([1e4, 1e4])
+    layer = np.array([each.layer for each in drapes.styles])[pieces.parts["style"][fills].astype(int)]
+    assert np.bincount(layer, found) == pytest.approx([1e4, 1e4])
 
 
 def test_unknown_methods_are_refused_in_one_line():

@@ -31,7 +31,8 @@ from sketchterrain.render.textures import (
     texture_uniforms,
     texture_widths,
 )
-from sketchterrain.schema.materials import BUILT_IN, Texture, linear_from_hex
+from sketchterrain.schema.colours import linear_from_hex
+from sketchterrain.schema.materials import BUILT_IN, Texture
 from tests.devices import DEVICES, each_other_device, needs_device
 
 from .conftest import Waves

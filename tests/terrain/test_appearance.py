@@ -322,7 +322,8 @@ def test_an_edit_gives_the_texels_of_a_new_appearance() -> None:
         edited = before.updated(fresh.land.recipe, before.land.heights)
         found = edited.tiles(keys)
         np.testing.assert_array_equal(found, fresh.tiles(keys))
-        boxes = edited.changed_areas(before)
+        boxes, reach = edited.changed_areas(before), edited.reach(before)
+        assert reach == 1.0
         corner = np.array(keys)[:, 1:] * EXTENT / 2**level
         texel = before.texel(level)
         low, high = corner - texel, corner + EXTENT / 2**level + texel

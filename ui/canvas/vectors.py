@@ -24,7 +24,7 @@ from sketchterrain.ui.models.selection import FeatureDrag
 
 _WIDEST = 6.0  # logical px of a style's line with its casing
 _OVER_PAINT = 0.625  # of the opacity of areas, through which paint is seen
-_MAX_HANDLES = 1500
+_HANDLE_ROOM = 9.0  # logical px between vertices that are drawn
 _MANY, _SMALL = 1000, 8.0  # areas, if there are more, with sides of fewer logical px are drawn as squares
 
 
@@ -65,8 +65,13 @@ def draw_selected_feature(
     x, y = context.screens_from_world(*own.places.T)
     left, top, right, bottom = context.area.adjusted(-5.0, -5.0, 5.0, 5.0).getCoords()
     visible = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
+    # One in a square where they are close: the active one, else a shared one.
+    rank = np.where(np.arange(len(x)) == own.selection.index, 0, np.where(shared, 1, 2))
+    visible = visible[np.argsort(rank[visible], kind="stable")]
+    squares = np.stack([x, y], axis=1)[visible] // _HANDLE_ROOM
+    visible = visible[np.unique(squares, axis=0, return_index=True)[1]]
     painter.setPen(QPen(SELECTED, 1.8))
-    for index in visible.tolist() if len(visible) <= _MAX_HANDLES else []:
+    for index in visible.tolist():
         painter.setBrush(SELECTED if index == own.selection.index else QColor(255, 255, 255))
         square = QRectF(float(x[index]) - 3.5, float(y[index]) - 3.5, 7.0, 7.0)
         painter.drawEllipse(square.adjusted(-1, -1, 1, 1)) if shared[index] else painter.drawRect(square)

@@ -145,8 +145,9 @@ class FramePacer:
     @property
     def _draws_still(self) -> bool:
         """Whether the still is due, or loading what the next motion shows once the still is there."""
+        shows_shape = self._stats is not None and self._stats.complete
         rests = self.renderer.is_software and time.monotonic() - self._moved_at > _PROGRESS
-        return self._refines and (self._converged or self._shows_all or rests)
+        return self._refines and (self._converged or self._shows_all or (shows_shape and rests))
 
     def due(self, *, moving: bool) -> float | None:
         """Return the s until the next frame; None: nothing to draw."""

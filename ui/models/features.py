@@ -307,16 +307,18 @@ def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
 
 
 def vector_picks(
-    sketch: Sketch, workspace: Workspace, x: float, y: float, texel: float
+    sketch: Sketch, workspace: Workspace, x: float, y: float, texel: float, *, styled: bool = True
 ) -> Iterator[tuple[float, Selection]]:
     """Yield the visible vectors at a position (m) or near it, the topmost first, and how far (m) they are.
 
-    The distance of what is drawn there is 0; a pixel is `texel` m.
+    The distance of what is drawn there is 0; a pixel is `texel` m. Lines are `styled` on the canvas: at least
+    as wide as their class's, with its casing.
     """
     for layer in visible_vectors(sketch, workspace)[::-1]:
         (widths, classes), look = looks_of(sketch, layer), LAYERS[layer.layer]
-        least = np.array([max(each.style["width"], LEAST_WIDTH) for each in look.classes])
-        edge = np.array([0.0 if look.is_painted else each.casing_width for each in look.classes])
+        least = np.array([max(styled * each.style["width"], LEAST_WIDTH) for each in look.classes])
+        is_cased = styled and not look.is_painted
+        edge = np.array([each.casing_width if is_cased else 0.0 for each in look.classes])
         half, rims = 0.5 * np.maximum(widths, least[classes] * texel), edge[classes] * texel
         rows, distance, inside = curves_of(layer).near(x, y, float((half + rims).max()) + PICK * texel)
         rim = rims[rows]

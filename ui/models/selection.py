@@ -43,16 +43,24 @@ OFFSET_ROLES = ("width", "corner", "rotate")
 
 
 def selections_at(
-    document: Document, workspace: Workspace, placed: Placement, x: float, y: float, texel: float
+    document: Document,
+    workspace: Workspace,
+    placed: Placement,
+    x: float,
+    y: float,
+    texel: float,
+    *,
+    styled: bool = True,
 ) -> list[Selection]:
     """Return what is at a position (m): what is drawn there, the topmost first, then what is within 3 px.
 
-    Draped features lie over vectors, and these over placed objects. A pixel is `texel` m.
+    Draped features lie over vectors, and these over placed objects. A pixel is `texel` m; `styled` is as for
+    `vector_picks`.
     """
     drapes = document.drapes.current
     draped = () if drapes is None else drapes.picks(x, y, texel)
     found = [(each.distance, Selection("drape", each.feature, layer=each.layer)) for each in draped]
-    found += features.vector_picks(document.sketch, workspace, x, y, texel)
+    found += features.vector_picks(document.sketch, workspace, x, y, texel, styled=styled)
     found.sort(key=lambda pair: pair[0])
     selections = [selection for _, selection in found if not (selection.is_draped and selection.id < 0)]
     if not selections and (object_there := select_at(placed, x, y, reach=REACH * texel)):

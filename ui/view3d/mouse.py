@@ -281,7 +281,8 @@ class ViewMouse(QObject):
         if projection is None:
             return []
         texel = projection.metres_per_px(place)
-        return selections_at(self._document, self._workspace, self._link.placed, *place[:2], texel)
+        own = self._document, self._workspace, self._link.placed
+        return selections_at(*own, *place[:2], texel, styled=False)
 
     def _go_to(self, place: Place | None) -> None:
         """Insert a vertex in the selected vector at a place (m) on it, else centre the place."""

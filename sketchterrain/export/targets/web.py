@@ -25,7 +25,7 @@ from sketchterrain.export.web_data import (
 )
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import source
-from sketchterrain.schema.materials import srgb_to_linear
+from sketchterrain.schema.colours import srgb_to_linear
 
 if TYPE_CHECKING:  # load SciPy
     from sketchterrain.export.gltf_plants import ScenePlants

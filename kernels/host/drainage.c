@@ -590,7 +590,7 @@ void carve_barriers(
     for (int64_t k = 0; k < count; k++) {
         int64_t at = level.order[k], to = level.receiver[at];
         if (to >= 0 && (level.kind[to] & 1)) {
-            double below = greatest(level.height[at] - LEAST_SLOPE * level.spacing, lowest[0][to]);
+            double below = greatest(level.height[at] - LEAST_SLOPE * level.spacing, ((const double *)lowest)[to]);
             level.height[to] = least(level.height[to], below);
         }
     }

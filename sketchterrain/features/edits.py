@@ -91,8 +91,8 @@ def rebuilt(feature: Feature, vertices: Float64Array, ring: Int64Array) -> Featu
     Repeats are left out, and rings that are too small, of a border with its holes.
     """
     rings, parts, has_border = list[Float64Array](), list[int](), False
-    for number in range(len(feature.rings)):
-        places = drop_repeats(vertices[ring == number])
+    for number, own in enumerate(np.split(vertices, np.searchsorted(ring, range(1, len(feature.rings))))):
+        places = drop_repeats(own)
         if feature.kind == AREA and len(places) > 1 and (places[0] == places[-1]).all():
             places = places[1:]
         if number in feature.parts:

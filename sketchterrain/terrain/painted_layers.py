@@ -20,12 +20,7 @@ from sketchterrain.schema.colours import linear_from_hex
 from sketchterrain.schema.styles import STYLE
 from sketchterrain.terrain.orthophotos import ROOTS
 from sketchterrain.terrain.orthophotos import WHITE as PICTURE_WHITE
-from sketchterrain.terrain.painted_land import (
-    BLOCKS,
-    FILE,
-    SIDE,
-    block_starts,
-)
+from sketchterrain.terrain.painted_land import BLOCKS, FILE, SIDE, block_starts
 
 if TYPE_CHECKING:
     from sketchterrain.drape.drapes import Drapes, LayerStyle
@@ -41,10 +36,10 @@ _ROOTS: Final = np.rint(255.0 * ROOTS).astype(np.uint8)  # of the albedo of pixe
 (_PICTURE,) = (int(each) for each in kernel_constants(FILE, "ENTRY_PICTURE"))
 _CAPS, _JOIN_NAMES = (STYLE[name].choices for name in ("cap", "join"))
 _ALONG: Final = kernel_columns("drape.clh", "DrapePiece")["drape_along"]
-_FIRST_DASH: Final = 24
+_FIRST_DASH, _COLUMNS = 24, 40
 _LENGTHS: Final = [
     *(_STYLE[f"style_{name}"] for name in ("half_width", "hatch_spacing", "dash_period")),
-    *range(_FIRST_DASH, _FIRST_DASH + 16),
+    *range(_FIRST_DASH, _COLUMNS),
 ]
 _ITEMS: Final = 10 << 20  # bytes in memory
 
@@ -142,7 +137,7 @@ class PaintedLayers:
         for number, layer in enumerate(self.drapes.layers):
             look = {"style_opacity": layer["opacity"], "style_blend": BLENDS.index(layer["blend"])}
             rows.append(_row(**look, style_white=PICTURE_WHITE, style_layer=number))
-        return np.array(rows, np.float64).reshape(-1, _FIRST_DASH + 16)
+        return np.array(rows, np.float64).reshape(-1, _COLUMNS)
 
     @cached_property
     def _first(self) -> npt.NDArray[np.int32]:
@@ -221,12 +216,12 @@ class _Lists:
 
 def no_layers(squares: int) -> tuple[npt.NDArray[Any], ...]:
     """Return what `PaintedLayers.launched` returns without any layer."""
-    rows = np.zeros((0, _FIRST_DASH + 16))
+    rows = np.zeros((0, _COLUMNS))
     return *_Lists(rows).joined(squares), np.zeros((squares, 0, 2)), rows, np.zeros(0, np.uint8)
 
 
 def _row(**values: float) -> Float64Array:
-    row = np.zeros(_FIRST_DASH + 16)
+    row = np.zeros(_COLUMNS)
     for name, value in values.items():
         row[_STYLE[name]] = value
     return row

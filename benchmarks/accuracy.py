@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.appearance_error import appearance_table, drape_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import open_ground, scattered_keys
@@ -76,12 +75,7 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
 
     "relief of" a preset is its drained relief alone, whose reference is `layers/relief.py`.
 
-    Alternatives, one choice at a time, on a square of valley_river: octaves omitted for larger cells, against
-    full detail; methods for the distance to a spline; normals of noise, analytic and by differences; float32,
-    float64 and `--fast`; quads of a tile, whose borders are evaluated twice; on one of desert_mountains,
-    features culled at a share of their support. Errors are the largest; times are of all launches together.
-
-    The third table is of appearance tiles: albedo (times the share) and the share that roads and land use
+    The second table is of appearance tiles: albedo (times the share) and the share that roads and land use
     cover, for several sizes of texels, against the mean of 64 smaller texels of the float64 kernels; and the
     same of means of 4 and 16 smaller ones. The last one is of draped areas and lines, against the exact areas
     of texels inside them.
@@ -96,7 +90,7 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
             rows += [shared | row for row in _compare(sample, context, exact, effort.rounds)]
     errors = Table("Error against time", tuple(rows))
     painted = appearance_table(context, exact, effort)
-    return (errors, choices.table(context, effort), painted, drape_table(context, effort))
+    return (errors, painted, drape_table(context, effort))
 
 
 def _sample(terrain: Terrain, level: int, count: int) -> _Sample:

@@ -6,8 +6,6 @@ from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
-from sketchterrain.benchmarks.choices import draw_choices
-from sketchterrain.benchmarks.clipped_tree import draw_index
 from sketchterrain.benchmarks.culling import draw_culling
 from sketchterrain.benchmarks.drapes import draw_drapes
 from sketchterrain.benchmarks.erosion import draw_erosion, draw_normals
@@ -19,7 +17,6 @@ from sketchterrain.benchmarks.pictures import draw_motion, draw_parts, draw_prev
 from sketchterrain.benchmarks.plotting import STYLE, BarPanel, Curves, draw_bars, draw_curves
 from sketchterrain.benchmarks.points import draw_room, draw_spectra, draw_table_6_1
 from sketchterrain.benchmarks.report import Row, Tables
-from sketchterrain.benchmarks.roads import draw_roads
 from sketchterrain.benchmarks.speed import draw_rates, draw_thesis
 from sketchterrain.benchmarks.splines import draw_splines
 from sketchterrain.benchmarks.vector_scale import draw_scale
@@ -88,7 +85,6 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "live": draw_live,
     "pictures": draw_qualities,
     "points": draw_table_6_1,
-    "roads": draw_roads,
     "scale": draw_scale,
     "speed": draw_rates,
     "splines": draw_splines,
@@ -97,7 +93,6 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
 """How each benchmark that has a chart draws it, from the rows of its first table."""
 
 MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
-    "accuracy": {"choices": draw_choices},
     "erosion": {"normals": draw_normals},
     "flight": {
         "generation": partial(draw_bars, "Generation in flight", _GENERATION, ("way", "quads", "shown"))
@@ -106,7 +101,7 @@ MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "live": {"view": draw_views},
     "pictures": {"parts": draw_parts, "motion": draw_motion, "previews": draw_previews},
     "points": {"room": draw_room, "spectra": draw_spectra},
-    "scale": {"index": draw_index, "flight": draw_flight},
+    "scale": {"flight": draw_flight},
     "speed": {"tiles": draw_thesis},
 }
 """Charts of its second table and so on, by how their files' names end."""

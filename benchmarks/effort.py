@@ -52,7 +52,6 @@ class Effort:
     # Of tiles, which set the cell size
     accuracy_levels: tuple[int, ...] = _sizes((2, 5, 8, 11), (2, 4, 6, 8, 10, 12))
     accuracy_tiles: int = _sizes(2, 4)  # a level
-    choice_tiles: int = _sizes(4, 16)  # a square number, on which alternative methods are compared
     flight_views: int = _sizes(1, 6)  # at which errors are measured
     flight_frames: int = _sizes(10, 300)
     flight_every: int = _sizes(8, 4)  # px between samples of a picture
@@ -103,9 +102,6 @@ class Effort:
     batch_jobs: tuple[int, ...] = _sizes((2,), (1, 2))
     batch_rounds: int = _sizes(1, 2)
     elevation_sides: tuple[int, ...] = _sizes((1024,), (1024, 4096, 16384))  # samples along a grid
-    elevation_angles: tuple[float, ...] = _sizes((0.0, 30.0), (0.0, 10.0, 17.0, 30.0, 45.0))  # degrees
-    elevation_dems: int = _sizes(1, 4)  # real ones, of those there are
-    detail_lattices: int = 4  # of octaves
     drape_features: int = _sizes(500, 10_000)  # of a layer whose coverage is exact
     drape_views: int = _sizes(1, 4)
     drape_vertices: int = _sizes(50_000, 4_942_539)
@@ -116,9 +112,6 @@ class Effort:
     road_points: int = _sizes(50_000, 1_000_000)  # of carriageways
     # Cells along a country of fields
     scale_sides: tuple[int, ...] = _sizes((18, 54), (18, 54, 110, 218, 436))
-    # The same, of the indices of pieces
-    scale_pieces: tuple[int, ...] = _sizes((10, 32), (10, 32, 98, 218, 436))
-    scale_views: int = _sizes(3, 20)  # places looked at
     scale_edits: int = _sizes(20, 1000)
     scale_frames: int = _sizes(30, 4380)  # of the flight
     # Vertices along a side

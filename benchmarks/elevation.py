@@ -1,4 +1,4 @@
-"""Elevation: exactness, error bounds, time and seams of patchworks of DEM grids."""
+"""Elevation: exactness, error bounds and time of patchworks of DEM grids."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.array_types import Float32Array
-from sketchterrain.benchmarks import detail
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.elevation_seams import generated_heights, patchwork, seam_tables
 from sketchterrain.benchmarks.flight_scene import RATE, OwnTiles, Stop, view_of
 from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
@@ -42,6 +40,8 @@ _ERRORS = (0, 0.5, 1, 2, 3, 4, 5, 7, 10, 15, 20, 25, 30, 40, 50, 70, 100, 150, 2
 _PAPER = {1024: 0.75, 4096: 11.73, 16384: 196.2}  # s, one core of a Core i5 of 2.67 GHz
 _PAPER_QUERIES = {50.0: 800.0, 0.0: 55.0}
 _QUERIES = 200
+_RELIEF = 600.0  # m, standard deviation of heights
+_EXPONENT = 1.9  # of amplitudes: the power of real relief falls as k^-3.8 or so
 
 _BOUNDS = {
     "error": "e, m",
@@ -74,17 +74,10 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
 
     The ground is noise whose amplitudes fall as k^-1.9, in steps of 10 m, with a deviation of 600 m. Errors
     are those at all samples of one grid; queries are uniform covers of all of it. Times of building are
-    medians; the paper's are those of one core, Puget Sound and bilinear patches, ours of bicubic ones. Seams
-    are those of `elevation_seams`. Stores are those of `write_large_dem`, each in a process of its own, whose
-    memory is counted beyond that of its libraries; patches are read from files that are not in the system's
-    memory. Tiles are those of a preset with and without its data, in turn; flights are over DEMs of the same
-    sizes.
-
-    Detail: real DEMs (matplotlib's, those of the folder SKETCHTERRAIN_DEMS) as truth, cut to a quarter and
-    an eighth by means; their patches with the detail that the law of the cut grid alone asks for, beside fBm
-    that has a gain of 1/2 and one rms, the same share of the resolution for all grids, that suits all best.
-    Exponents of spectra are fitted from four samples of the cut to three of the truth. Means and the largest
-    deviation of lattices of octaves that are shifted by parts of an octave.
+    medians; the paper's are those of one core, Puget Sound and bilinear patches, ours of bicubic ones. Stores
+    are those of `write_large_dem`, each in a process of its own, whose memory is counted beyond that of its
+    libraries; patches are read from files that are not in the system's memory. Tiles are those of a preset
+    with and without its data, in turn; flights are over DEMs of the same sizes.
     """
     sides = effort.elevation_sides
     return (
@@ -94,8 +87,6 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
         Table("Queries and evaluation", tuple(_rates(sides[0])), _RATES),
         tile_times(context, effort),
         flight_table(tuple(_flight(context, each) for each in sides)),
-        *seam_tables(effort),
-        detail.table(effort.detail_lattices),
     )
 
 
@@ -104,14 +95,31 @@ def _flight(context: TimedContext, side: int) -> Row:
         return flight(context, write_large_dem(Path(folder) / "dem.tif", side), side)
 
 
+def _generated_heights(side: int, seed: int = SEED) -> Float32Array:
+    """Return heights (side, side), m, of noise with the spectrum of relief."""
+    small = min(side, 4096)
+    frequency = np.hypot(np.fft.fftfreq(small)[:, None], np.fft.rfftfreq(small)[None])
+    frequency[0, 0] = 1.0
+    noise = np.fft.rfft2(np.random.default_rng(seed).normal(size=(small, small)))
+    height = np.fft.irfft2(noise * frequency**-_EXPONENT)
+    height *= _RELIEF / height.std()
+    return np.tile((height + 1500.0).astype(np.float32), (side // small, side // small))
+
+
+def _patchwork(*grids: ElevationGrid) -> Patchwork:
+    """Return the patchwork of some grids."""
+    parts = [build_patches(each) for each in grids]
+    return Patchwork({each.id: each for each in parts})
+
+
 def _grid(side: int, place: tuple[float, ...] | None = None, seed: int = SEED) -> ElevationGrid:
     at: Any = place or (_STEP, 0.0, 0.0, 0.0, -_STEP, _STEP * (side - 1))
-    return ElevationGrid(generated_heights(side, seed), at)
+    return ElevationGrid(_generated_heights(side, seed), at)
 
 
 def _bounds(side: int) -> list[Row]:
     grid = _grid(side)
-    work = patchwork(grid)
+    work = _patchwork(grid)
     x, y = grid.to_metres(*np.meshgrid(np.arange(float(side)), np.arange(float(side))))
     rows: list[Row] = []
     for error in _ERRORS:
@@ -136,10 +144,10 @@ def _bounds(side: int) -> list[Row]:
 
 def _build(side: int, rounds: int) -> Row:
     grid = _grid(side)
-    patchwork(_grid(64)).tops  # noqa: B018 - compiles
-    work, times = patchwork(grid), list[float]()
+    _patchwork(_grid(64)).tops  # noqa: B018 - compiles
+    work, times = _patchwork(grid), list[float]()
     for _ in range(rounds):
-        times.append(lap(lambda: patchwork(grid).tops).wall)
+        times.append(lap(lambda: _patchwork(grid).tops).wall)
     far = 0.3 * _STEP * side
     inset = build_patches(_grid(min(side, 1024), (9.0, 4.0, far, 4.0, -9.0, far), SEED + 1))
     return {
@@ -162,7 +170,7 @@ def _store(side: int) -> Row:
 
 
 def _rates(side: int) -> list[Row]:
-    work = patchwork(_grid(side))
+    work = _patchwork(_grid(side))
     extent = _STEP * (side - 1)
     axis = np.linspace(0.0, extent, 1000)
     lines = tuple(each.ravel() for each in np.meshgrid(axis, axis))

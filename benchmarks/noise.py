@@ -22,7 +22,7 @@ from sketchterrain.io.resources import kernel_struct
 from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.terrain.layers import layer_stack
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.noise import NoiseStack, corner_table, fbm, fbm_slope, octave_table
+from sketchterrain.terrain.noise import NoiseStack, corner_table, octave_table
 
 OCTAVES = 8
 SEED = 7
@@ -35,19 +35,16 @@ _STACK = "bench"
 
 
 class NoiseGrid:
-    """fBm on a square grid, by ``kernels/bench.cl`` and by the NumPy reference."""
+    """fBm on a square grid, by ``kernels/bench.cl``."""
 
-    def __init__(self, context: TimedContext, side: int, *, step_bits: int = _STEP_BITS) -> None:
+    def __init__(self, context: TimedContext, side: int) -> None:
         self._context = context
         self._side = side
-        self._step_bits = step_bits
-        self.spacing = 2.0**step_bits * metres_per_unit(_EXTENT)
-        """Metres between vertices."""
         self._octaves = octave_table(
             [NoiseStack(_STACK, _LONGEST, _GAIN, most=OCTAVES)], extent=_EXTENT, seed=SEED
         )
         table, real = self._octaves, context.real_dtype
-        self._corner = corner_table(table, np.zeros((1, 2), np.int64), step_bits)
+        self._corner = corner_table(table, np.zeros((1, 2), np.int64), _STEP_BITS)
         self._arguments: tuple[Any, ...] = (
             context.upload(table.form),
             context.upload(table.offset),
@@ -89,12 +86,6 @@ class NoiseGrid:
         """Return what the kernel computed last, shape (side, side)."""
         return self._context.download(self._sum, (self._side, self._side), self._context.real_dtype)
 
-    def download_slope(self) -> npt.NDArray[Any]:
-        """Return the slopes eastward and northward that it computed last, 1/m, shape (side, side, 2)."""
-        shape, real = (self._side, self._side), self._context.real_dtype
-        both = [self._context.download(part, shape, real) for part in (self._east, self._north)]
-        return np.stack(both, axis=-1) / metres_per_unit(_EXTENT)
-
     def problem(self, threads: int) -> NoiseProblem:
         """Return the same sum as plain arrays, for rivals that use so many threads."""
         return NoiseProblem(
@@ -104,19 +95,6 @@ class NoiseGrid:
             self._side,
             threads,
         )
-
-    def reference(self) -> npt.NDArray[np.float64]:
-        """Compute the same in NumPy float64."""
-        return fbm(self._octaves, _STACK, *self._vertices())
-
-    def host_slope(self) -> npt.NDArray[np.float64]:
-        """Compute the slopes eastward and northward in NumPy float64, 1/m, shape (side, side, 2)."""
-        found = fbm_slope(self._octaves, _STACK, *self._vertices())
-        return np.stack([found.east, found.north], axis=-1) / metres_per_unit(_EXTENT)
-
-    def _vertices(self) -> list[npt.NDArray[np.int64]]:
-        step = np.arange(self._side, dtype=np.int64) << self._step_bits
-        return list(np.meshgrid(step, step))
 
 
 BARE = "bare"

@@ -1,9 +1,9 @@
-"""Roads of Andorra: grades, sections, earthworks, structures and times, beside other programs' methods."""
+"""Roads of Andorra: grades, sections, earthworks, structures and times."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import groupby
@@ -18,9 +18,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.benchmarks.effort import Effort
-from sketchterrain.benchmarks.plotting import Curves, draw_curves
 from sketchterrain.benchmarks.report import Row, Table, Tables
-from sketchterrain.benchmarks.road_methods import METHODS, Problem, RoadSamples, road_samples
 from sketchterrain.benchmarks.timing import TimedContext, alternate
 from sketchterrain.document.rasters import raster_source
 from sketchterrain.document.sketch import Sketch
@@ -33,7 +31,7 @@ from sketchterrain.importing.vectors import with_vectors_of
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.roads.build import ROAD_LAYERS, road_network
 from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, RoadNetwork, deck_depth
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork, deck_depth
 from sketchterrain.roads.structures import TUNNEL_HEIGHT
 from sketchterrain.roads.waters import Floods
 from sketchterrain.schema.layers import id_of_vector
@@ -44,6 +42,7 @@ DEMS, OSM = "SKETCHTERRAIN_DEMS", "SKETCHTERRAIN_OSM"
 """Environment variables: the folder with `N42E001.hgt.zip`, and a file of OpenStreetMap with its roads."""
 
 _CORNER, _EXTENT = (368_000.0, 4_697_500.0), 32_000.0  # m
+_TOLERANCE = 1e-3  # m
 _STEP, _DENSE, _SECTIONS = 10.0, 2.0, 100.0  # m between samples, those of structures, sections
 _OFFSETS = np.arange(-40.0, 40.25, 0.5)  # m of points of sections from the axis
 _EDGE = 1.0 - 1e-3  # of the half width: positions have steps of 2 mm
@@ -54,7 +53,7 @@ _TILES = 64
 _MOVED = np.array([12.0, 16.0])  # m by which nodes are moved
 
 _PROFILES = {"over": "over the limit by > 0.1 %: % of samples", "rms": "cut and fill, rms m"}
-_KEYS = ("method", "over", "p50", "p95", "most", "rms", "p90", "p99", "seconds")
+_KEYS = ("heights", "over", "p50", "p95", "most", "rms", "p90", "p99", "seconds")
 _HEADINGS = ("line", "measure", "asked", "reached", "of", "besides")
 _Line: TypeAlias = tuple[str, float | None, float, int, str]
 """A measure, what is asked, what is reached, of how many, and facts."""
@@ -66,9 +65,8 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
     Without the files that `SKETCHTERRAIN_DEMS` and `SKETCHTERRAIN_OSM` name: the preset `mountain_pass`.
 
     Grades are those between samples 10 m apart along the car roads: of the evaluated terrain at full detail,
-    and of the profile on bridges and tunnels. Other methods get the same samples and the ground at 2 m; the
-    first three drape bridges and tunnels too, Proland's are straight, ADMM's free. Cut and fill are
-    differences from the ground, of samples on the ground. Their times, in seconds, leave out sampling it.
+    and of the profile on bridges and tunnels. Cut and fill are differences from the ground, of samples on the
+    ground. Times, in seconds, leave out sampling it.
 
     Edges and points are compared with profile and crossfall where no other road, nor another bend of the own
     one, overlaps them with its shoulders. Points in coarser cells are those of the tiles' triangles, where no
@@ -93,6 +91,77 @@ def _sketch() -> Sketch:
         source = raster_source(dem, "elevation")
         return with_vectors_of(sketch_on_elevation([source], origin=_CORNER, extent=_EXTENT)[0], osm)[0]
     return load_sketch("mountain_pass")
+
+
+@dataclass(frozen=True, eq=False)
+class RoadSamples:
+    """Points at equal steps along each leg, one leg after the other."""
+
+    roads: tuple[Road, ...]
+    leg: Int64Array  # (n,)
+    along: Float64Array  # (n,) m
+    road: Int64Array  # (n,) number of the road that it is on
+    at: Float64Array  # (n, 2) m
+    height: Float64Array  # (n,) m, of the profile
+    left: Float64Array  # (n, 2) normals
+    half: Float64Array  # (n,) m
+    whole: Float64Array  # (n,) m, with the shoulder
+    crossfall: Float64Array  # (n, 2)
+
+    @cached_property
+    def inner(self) -> BoolArray:
+        """(n − 1,) whether the next sample is on the same leg."""
+        return np.asarray(np.diff(self.leg) == 0)
+
+    @cached_property
+    def structure(self) -> Int64Array:
+        """(n,)."""
+        return np.array([road.structure for road in self.roads])[self.road]
+
+    @property
+    def on_ground(self) -> BoolArray:
+        """(n,)."""
+        return np.asarray(self.structure == GROUND)
+
+    def beside(self, offset: Float64Array) -> Float64Array:
+        """Return positions and heights (n, 3) of the section at offsets (m) from the axis, to the left."""
+        lean = np.where(offset > 0.0, *self.crossfall.T)
+        return np.column_stack([self.at + self.left * offset[:, None], self.height + lean * np.abs(offset)])
+
+    def limits(self, grades: Mapping[int, float]) -> Float64Array:
+        """Return the limits of grade between samples and the next ones, (n − 1,), by a road's feature."""
+        own = np.array([grades[road.id] for road in self.roads])[self.road]
+        return np.asarray(np.maximum(own[:-1], own[1:]))
+
+    def grades(self, height: Float64Array) -> Float64Array:
+        """Return the grades of heights (n,) between samples and the next ones, (n − 1,); 0 between legs."""
+        length = np.where(self.inner, np.diff(self.along), np.inf)
+        return np.asarray(np.abs(np.diff(height)) / length)
+
+
+def road_samples(roads: tuple[Road, ...], layer: str, step: float) -> RoadSamples:
+    """Return points on the axes of a layer's roads, about `step` (m) apart."""
+    roads = tuple(road for road in roads if road.layer == layer)
+    found: list[tuple[Any, ...]] = []
+    number = 0
+    for leg, group in groupby(roads, key=lambda road: road.leg):
+        parts = list(group)
+        points = [axis_points(part, _TOLERANCE) for part in parts]
+        known = [
+            np.column_stack([each.position, each.left, each.half_width, each.shoulder, each.crossfall])
+            for each in points
+        ]
+        along = np.concatenate([each.along for each in points])
+        at = np.linspace(along[0], along[-1], max(round((along[-1] - along[0]) / step), 1) + 1)
+        columns = np.column_stack([np.interp(at, along, column) for column in np.concatenate(known).T])
+        own = number + np.searchsorted([part.along[0] for part in parts], at, side="right") - 1
+        found.append((np.full(len(at), leg), at, own, columns))
+        number += len(parts)
+    leg, along, road, columns = (np.concatenate(each) for each in zip(*found, strict=True))
+    left = columns[:, 3:5] / np.hypot(*columns[:, 3:5].T)[:, None]
+    whole = columns[:, 5] + columns[:, 6]
+    shape = columns[:, :2], columns[:, 2], left, columns[:, 5], whole, columns[:, 7:]
+    return RoadSamples(roads, leg.astype(np.int64), along, road.astype(np.int64), *shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,24 +262,16 @@ class _RoadCase:
 
 
 def _profiles(case: _RoadCase) -> Iterator[Row]:
-    """Yield grades by each method, and how far its heights are from the ground."""
+    """Yield grades of ground, profile and terrain, and how far their heights are from the ground."""
     samples, limits = case.samples, case.limits
-    ground = partial(case.natural.heights, cell_size=_CELL)
-    raw = ground(*samples.at.T).astype(np.float64)
-    problem = Problem(samples, raw, ground, limits, case.sketch.vectors["road"].vertices)
-    found = {}
-    for name, method in METHODS.items():
-        start = perf_counter()
-        found[name] = method(problem), perf_counter() - start
+    raw = case.natural.heights(*samples.at.T, cell_size=_CELL).astype(np.float64)
     memory = Results()
     solve = [case.network(case.sketch, memory)[1] for _ in range(3)][-1]
-    found["this program, profile"], found["this program, terrain"] = (
-        (height, solve) for height in (samples.height, case.on_terrain)
-    )
-    for name, (height, seconds) in found.items():
+    for name, height in {"draped": raw, "profile": samples.height, "terrain": case.on_terrain}.items():
         grade, works = samples.grades(height)[samples.inner], np.abs(height - raw)[samples.on_ground]
         over = 100.0 * float(np.mean(grade > limits[samples.inner] + _OVER))
         errors = np.sqrt(np.mean(works**2)), *np.percentile(works, (90, 99))
+        seconds = 0.0 if name == "draped" else solve
         values = (name, over, *np.percentile(grade, (50, 95, 100)).tolist(), *map(float, errors), seconds)
         yield dict(zip(_KEYS, values, strict=True))
 
@@ -457,10 +518,3 @@ _LINES = {
     "kernel": _accuracy,
 }
 """Lines by name."""
-
-
-_PANELS = [
-    Curves("", "seconds", {"": key}, by="method", units=("s", unit), scales=("log", "linear"))
-    for key, unit in (("over", "samples over the limit of grade, %"), ("rms", "cut and fill, rms m"))
-]
-draw_roads = partial(draw_curves, "Longitudinal profiles: error against time", _PANELS)

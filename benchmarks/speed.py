@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.benchmarks import thesis
-from sketchterrain.benchmarks.baselines import numba_noise
 from sketchterrain.benchmarks.baselines.noise import Absent, Rival, in_c, in_fastnoise2, in_numpy
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.noise import BARE, OCTAVES, NoiseGrid, central_keys, open_ground
@@ -116,10 +115,10 @@ def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object]
     return work, octaves, gullies, count * (QUADS + 1) ** 2
 
 
-ASKED: Mapping[str, float] = {"FastNoise2": 1.0, "numba, a point": 8.0, "NumPy": 25.0}
+ASKED: Mapping[str, float] = {"FastNoise2": 1.0, "NumPy": 25.0}
 """How many times as fast as each rival the first device shall be."""
 
-_RIVALS = (in_c, in_fastnoise2, numba_noise.rival, numba_noise.by_rows, in_numpy)
+_RIVALS = (in_c, in_fastnoise2, in_numpy)
 
 _QUICK = 0.2  # s a lap
 _MORE = 4  # times as many rounds of quick laps
@@ -135,7 +134,7 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
 
     Noise: float32 simplex fBm of 8 octaves in two dimensions on a square grid, by the clock from call to the
     last value in memory. This program's kernel runs on the selected device and on every CPU device, the
-    others with as many threads as the process may use. C, numba and NumPy compute the same sum; FastNoise2
+    others with as many threads as the process may use. C and NumPy compute the same sum; FastNoise2
     sums gradient noise on the same kind of lattice with its own hash and gradients. Methods below 0.2 s have
     four times as many rounds again. Processor time counts all threads; NumPy has one. Missing programs are
     listed with how to install them.

@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from sketchterrain.benchmarks.clipped_tree import index_table
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.low_flight import SIZE, TileUpdates, flight_table
 from sketchterrain.benchmarks.plotting import Curves, draw_curves
@@ -57,12 +56,10 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
     up to 15 m; with roads a twentieth as often. `vectors`: the new layer of the sketch; `recipe`: areas and
     networks; `terrain`: differences and indices; `tiles`: those in view, of ground and appearance.
 
-    Index: boxes of all pieces of borders, two a curve and area; `edits` move the pieces at a corner, and look
-    at 256 tiles around it. The flight: 13 km in 73 s, from 2000 km/h at 5000 m to 60 km/h at 8 m and 90 km/h
+    The flight: 13 km in 73 s, from 2000 km/h at 5000 m to 60 km/h at 8 m and 90 km/h
     at 5 m; tiles are selected and evaluated as the renderer does, within 6 ms a frame for ground and
     10 ms for appearance, but not drawn.
     """
-    pieces = index_table(effort.scale_pieces, views=effort.scale_views, edits=effort.scale_edits)
     countries = {side: synthetic_land(side) for side in effort.scale_sides}
     loads = {side: _loaded(sketch) for side, sketch in countries.items()}
     terrains = {side: build(sketch, device=context) for side, sketch in countries.items()}
@@ -76,7 +73,6 @@ def measure(context: TimedContext, effort: Effort) -> Tables:
     edits.append(_edit_row(many, countries[many], "with", context, max(effort.scale_edits // 20, 2)))
     return (
         Table("Countries of one density", scale),
-        pieces,
         flight,
         Table("Edits in view", tuple(edits), _EDITS),
     )

@@ -5,9 +5,7 @@ from dataclasses import replace
 import pytest
 
 from sketchterrain.benchmarks.effort import QUICK, Effort
-from sketchterrain.benchmarks.flight_scene import open_world
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.generation.terrain import Terrain
 
 TINY = replace(
     QUICK,
@@ -21,7 +19,6 @@ TINY = replace(
     spline_count=2,
     culling_features=(30, 300),
     elevation_sides=(128,),
-    detail_lattices=1,
     point_side=24.0,
     point_distances=(1, 2),
     point_trials=(4,),
@@ -34,7 +31,6 @@ TINY = replace(
     spectrum_sets=2,
     accuracy_levels=(6, 9),
     accuracy_tiles=1,
-    choice_tiles=1,
     flight_views=2,
     flight_frames=3,
     flight_every=30,
@@ -64,8 +60,6 @@ TINY = replace(
     batch_rounds=2,
     road_points=1_000,
     scale_sides=(8, 18),
-    scale_pieces=(4, 10),
-    scale_views=1,
     scale_edits=2,
     scale_frames=3,
     world_sides=(17, 33),
@@ -78,12 +72,6 @@ TINY = replace(
 @pytest.fixture(scope="session")
 def context() -> TimedContext:
     return TimedContext()
-
-
-@pytest.fixture(scope="session")
-def world(context: TimedContext) -> Terrain:
-    """Return the terrain of the benchmark of flights."""
-    return open_world(context)
 
 
 @pytest.fixture(scope="session")

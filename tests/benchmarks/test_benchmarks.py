@@ -14,8 +14,6 @@ import pytest
 
 from sketchterrain.app.cli import main
 from sketchterrain.benchmarks import BENCHMARKS, batches, charts, command, pictures, run, worlds
-from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
-from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.effort import Effort
 from sketchterrain.benchmarks.report import Tables
 from sketchterrain.benchmarks.splines import SEED
@@ -84,34 +82,6 @@ def test_every_shown_value_is_there_and_finite(outcomes, name):
         for row in table.rows:
             assert all(math.isfinite(v) for v in row.values() if isinstance(v, float))
             assert all(len(v) >= 2 for v in row.values() if isinstance(v, list))
-
-
-@pytest.mark.soak
-def test_errors_of_float_exceed_those_of_double(outcomes):
-    found = rows(outcomes["accuracy"])
-    assert {row["method"] for row in found} == {FLOAT, DOUBLE, NUMPY}
-    for where in {(row["ground"], row["level"]) for row in found}:
-        single, double = (
-            next(r for r in found if r["method"] == m and (r["ground"], r["level"]) == where)
-            for m in (FLOAT, DOUBLE)
-        )
-        assert 0 < single["height_p99_mm"] <= single["height_mm"] < 10.0
-        assert double["normal_p99_deg"] < single["normal_p99_deg"] < 0.1
-        assert 0 <= single["material"] < 1e-2
-
-
-@pytest.mark.soak
-def test_every_choice_has_one_way_that_is_used(outcomes):
-    found = rows(outcomes["accuracy"], 1)
-    assert list(dict.fromkeys(row["subject"] for row in found)) == list(SUBJECTS)
-    for subject in SUBJECTS:
-        assert sum(row["chosen"] == "yes" for row in found if row["subject"] == subject) == 1
-    error = {(row["subject"], row["choice"]): row["error"] for row in found}
-    assert error["octaves", "all octaves"] == 0.0
-    assert error["octaves", "cells of 16 m"] > error["octaves", "cells of 4 m"] > 0
-    assert error["normals", "analytic"] < error["normals", "differences, 1 m"]
-    assert error["precision", "float64"] < error["precision", "float32"] < 1.0
-    assert error["culling", "all of the reach"] == 0.0
 
 
 @pytest.mark.soak

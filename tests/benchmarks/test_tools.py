@@ -3,7 +3,6 @@
 import io
 import math
 import re
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -17,10 +16,8 @@ from sketchterrain.benchmarks import BENCHMARKS, figures
 from sketchterrain.benchmarks.charts import CHARTS
 from sketchterrain.benchmarks.effort import FULL, QUICK
 from sketchterrain.benchmarks.kernel_times import WRITTEN
-from sketchterrain.benchmarks.live import STAGES, _found, measure
 from sketchterrain.benchmarks.registry import choose
-from sketchterrain.benchmarks.report import Table, markdown, shown, terminal
-from sketchterrain.benchmarks.timing import Lap, Launch, alternate, lap, spread
+from sketchterrain.benchmarks.report import Table, markdown, terminal
 from sketchterrain.errors import InputError
 from sketchterrain.io.resources import preset_names
 from sketchterrain.schema.materials import BUILT_IN
@@ -83,13 +80,6 @@ TABLE = Table(
 )
 
 
-def test_numbers_are_shown_with_three_significant_digits():
-    cells = {None: "–", "word": "word", 7: "7", 0.0: "0", 1234.5: "1234", 12.345: "12.3", 0.98765: "0.988"}
-    cells |= {0.001234: "0.00123", 0.0001234: "1.23e-04", -12.345: "-12.3", 2.5e6: "2.50e+06"}
-    for cell, text in {**cells, float("nan"): "nan"}.items():
-        assert shown(cell) == text, cell
-
-
 def test_tables_as_markdown_and_in_the_terminal():
     assert markdown(TABLE).splitlines() == [
         "### Speed",
@@ -104,74 +94,6 @@ def test_tables_as_markdown_and_in_the_terminal():
     text = stream.getvalue()
     for word in ("Speed", "method", "a|b", "1234", "0.0123"):
         assert word in text
-
-
-def test_spread_is_the_median_and_the_95th_percentile():
-    known = ([*range(1, 102)], 51.0, 96.0), ([0.25], 0.25, 0.25), ([1.0] * 20, 1.0, 1.0)
-    for samples, median, p95 in known:
-        times = spread([float(each) for each in samples])
-        assert (times.median, times.p95, times.count) == (median, p95, len(samples))
-    assert spread([1.0] * 18 + [9.0] * 2).p95 > 1.0
-
-
-def test_rivals_alternate_and_device_time_is_the_sum_of_the_launches():
-    calls: list[str] = []
-
-    def work(name: str) -> Lap:
-        calls.append(name)
-        return Lap(float(len(calls)))
-
-    laps = alternate({"a": lambda: work("a"), "b": lambda: work("b")}, rounds=3)
-    assert calls == list("ab" + "ab" + "ba" + "ab")
-    assert [one.wall for one in laps["a"]] == [3.0, 6.0, 7.0]
-    assert [one.wall for one in laps["b"]] == [4.0, 5.0, 8.0]
-
-    one = Lap(1.0, (Launch("a", 8, 0.25), Launch("b", 8, 0.5)))
-    assert one.device == 0.75
-    assert lap(lambda: None).launches == ()
-
-
-def test_context_counts_the_items_of_each_launch(context):
-    sums = context.empty(8 * 8, np.float32)
-    octaves = (
-        context.upload(np.zeros((1, 4), np.int32)),
-        context.upload(np.zeros((1, 2), np.int64)),
-        context.upload(np.zeros((1, 2), np.float32)),
-    )
-    place = (context.upload(np.full((1, 4), 10, np.uint32)), np.int32(1), np.int32(8))
-
-    def work() -> None:
-        context.launch("baselines/bench.cl", "bench_fbm", (8, 8), *octaves, *place, sums)
-        context.launch("baselines/bench.cl", "bench_fbm", (8, 4), *octaves, *place, sums)
-
-    for _ in range(2):  # a lap forgets the launches before it
-        one = context.lap(work)
-        assert [(launch.kernel, launch.items) for launch in one.launches] == [
-            ("bench_fbm", 64),
-            ("bench_fbm", 32),
-        ]
-        assert one.device == pytest.approx(sum(launch.seconds for launch in one.launches))
-        assert all(launch.seconds >= 0 for launch in one.launches)
-
-
-def test_stages_of_live_painting_add_up_to_the_whole():
-    times = [(0.0, 0.01, 0.05, 0.07, 0.1), (1.0, 1.03, 1.05, 1.09, 1.2)]
-    row = _found("strokes", times, drafts=[0.03, 0.04, 0.05], stalls=[0.001, 0.004])
-    found = [row[name] for name in ("updates", "strokes", "draft_ms", "median_ms", "most_ms", "stall_ms")]
-    assert found == pytest.approx([3, 2, 40.0, 150.0, 200.0, 4.0])
-    parts = sum(row[f"{stage}_ms".replace(" ", "_")] for stage in STAGES)
-    assert parts == pytest.approx(np.mean(row["seconds"]) * 1e3)
-
-
-@pytest.mark.gl
-@pytest.mark.soak
-def test_painting_is_followed(tiny):
-    table, *_ = measure(None, replace(tiny, view_presets=()))
-    strokes, dabs = table.rows
-    assert strokes["updates"] >= 10
-    assert dabs["updates"] >= dabs["strokes"] >= 2
-    for row in table.rows:
-        assert 0.0 < row["median_ms"] <= row["p95_ms"] <= row["most_ms"]
 
 
 def pixels_of(path: Path) -> npt.NDArray[np.int64]:

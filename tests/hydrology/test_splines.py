@@ -1,10 +1,11 @@
-"""Centripetal Catmull-Rom splines."""
+"""Centripetal Catmull-Rom splines, and their arcs."""
 
 import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.geometry.splines import catmull_rom, drop_repeats, sample_catmull_rom
+from sketchterrain.geometry.splines import catmull_rom, cubics, drop_repeats, sample_catmull_rom
+from sketchterrain.terrain.centrelines import flatten, nearest_on_arc
 
 WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)
 
@@ -68,3 +69,31 @@ def test_samples_respect_spacing_and_sagitta():
         assert off.max() <= sagitta
         few, _ = sample_catmull_rom(controls, 1000.0, sagitta=sagitta, most=7)
         assert len(few) <= 4 * 7 + 1
+
+
+def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends():
+    """Arcs around the origin, with a radius of 50 m."""
+    radius = 50.0
+    for angle in (-1.9, -0.3, 1e-6, 0.7, 1.9):
+        places = np.random.default_rng(3).uniform(-120, 120, (500, 2))
+        # Positive angles turn left: the bulge is to the right then.
+        first, last = (radius * np.array([np.cos(a), np.sin(a)]) for a in (0.3, 0.3 + angle))
+        bend = -np.tan(angle / 4)
+        t, square = nearest_on_arc(last - first, np.array(bend), places - first)
+        around = (np.arctan2(places[:, 1], places[:, 0]) - 0.3) * np.sign(angle)
+        within = np.mod(around, 2 * np.pi) < abs(angle)
+        ends = np.minimum(*(np.hypot(*(places - end).T) for end in (first, last)))
+        expected = np.where(within, np.abs(np.hypot(*places.T) - radius), ends)
+        clear = np.hypot(*places.T) > 0.02 * radius  # near the centre an end stands for the arc
+        np.testing.assert_allclose(np.sqrt(square)[clear], expected[clear], atol=1e-6, err_msg=str(angle))
+        assert np.all((t >= 0) & (t <= 1)), angle
+
+
+def test_arcs_of_a_circle_are_few_and_straight_lines_one():
+    angle = np.linspace(0, 1.5 * np.pi, 9)
+    circle = cubics(100.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    arcs, chords = (flatten(circle, 0.01, arcs=each) for each in (True, False))
+    assert len(arcs.bend) * 3 < len(chords.bend)
+    line = cubics(np.array([[0.0, 0.0], [10.0, 5.0], [30.0, 15.0]]))
+    assert len(flatten(line, 1e-6).bend) == 2
+    assert np.all(flatten(line, 1e-6).bend == 0.0)

@@ -1,4 +1,4 @@
-"""Many vectors and few: the index, a quadtree of clipped pieces, edits, tiles that others do not reach."""
+"""Many vectors and few: the index, edits, tiles that others do not reach."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from sketchterrain.benchmarks.clipped_tree import BoxRival, ClippedTree, TreeRival, piece_boxes, random_edit
+from sketchterrain.benchmarks.synthetic_land import EXTENT as COUNTRY
 from sketchterrain.benchmarks.synthetic_land import synthetic_land
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
@@ -14,7 +14,8 @@ from sketchterrain.features.edits import move_node
 from sketchterrain.features.table import VectorLayer
 from sketchterrain.generation.building import build, rebuild
 from sketchterrain.geometry.box_index import BoxIndex
-from sketchterrain.geometry.lattice import LATTICE_BITS
+from sketchterrain.geometry.lattice import to_lattice
+from sketchterrain.landuse.areas import land_use
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 
@@ -24,49 +25,26 @@ EXTENT, LEVEL = 4096.0, 4
 WIDTH = EXTENT / 2**LEVEL
 
 
-@pytest.fixture
-def boxes() -> np.ndarray:
-    return piece_boxes(20)
-
-
-def assert_same_views(one, other, level: int, place: tuple[int, int]) -> None:
-    for number, (a, b) in enumerate(zip(one.view(level, *place), other.view(level, *place), strict=True)):
-        np.testing.assert_array_equal(a, np.sort(b), err_msg=f"tile {number} of level {level}")
-
-
-@tiers("capacity", [300], [1 << 13])
-def test_a_clipped_tree_finds_what_the_index_of_boxes_finds(boxes, capacity, monkeypatch) -> None:
-    """Before and after edits, also where quads are dropped and made again."""
+def test_points_and_boxes_are_found_in_an_edited_index(monkeypatch) -> None:
     monkeypatch.setattr("sketchterrain.geometry.box_index._FEW_ITEMS", 64)
-    plain, tree = BoxRival(boxes), TreeRival(boxes)
-    tree.tree = ClippedTree(boxes, capacity=capacity)
-    rng = np.random.default_rng(2)
-    for _ in range(15):
-        numbers, moved = random_edit(plain.index, rng)
-        before, was = tree.tree, tree.tree.pieces(6, 32, 32)
-        for rival in (plain, tree):
-            rival.edit(numbers, moved)
-        np.testing.assert_array_equal(before.pieces(6, 32, 32), was)
-        for level in (7, 9, 11):
-            place = (moved[0, :2] >> (LATTICE_BITS - level)) - rng.integers(0, 16, 2)
-            assert_same_views(plain, tree, level, tuple(place.tolist()))
-    np.testing.assert_array_equal(plain.index.boxes_of(np.arange(len(boxes))), plain.index.boxes)
-    np.testing.assert_array_equal(plain.index.boxes, tree.tree.boxes[tree.ids])
-
-
-def test_points_are_found_in_boxes_of_an_edited_index(boxes, monkeypatch) -> None:
-    monkeypatch.setattr("sketchterrain.geometry.box_index._FEW_ITEMS", 64)
+    ends = land_use(synthetic_land(20)).edges.reshape(-1, 2, 2)
+    boxes = to_lattice(np.concatenate([ends.min(axis=1), ends.max(axis=1)], axis=1), COUNTRY)
     rng, index = np.random.default_rng(3), BoxIndex(boxes)
     for _ in range(30):
-        numbers, moved = random_edit(index, rng)
-        index = index.updated(numbers, numbers, moved)
+        corner = index.boxes_of(rng.integers(0, len(index), 1))[0, :2]
+        _, numbers = index.touching(np.concatenate([corner, corner])[None])
+        way = np.tile(to_lattice(rng.uniform(-20.0, 20.0, 2), COUNTRY), 2)
+        index = index.updated(numbers, numbers, index.boxes_of(numbers) + way)
     assert index.boxes is not index._boxes
+    now = index.boxes
+    np.testing.assert_array_equal(index.boxes_of(np.arange(len(boxes))), now)
     low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
     at = rng.integers(low, high, (400, 2))
-    now = index.boxes
-    inside = (at[:, None] >= now[:, :2]) & (at[:, None] <= now[:, 2:])
-    for found, expected in zip(index.at_points(*at.T), np.nonzero(inside.all(axis=2)), strict=True):
-        np.testing.assert_array_equal(found, expected)
+    wide = np.concatenate([at, at + rng.integers(0, (high - low) // 10, at.shape)], axis=1)
+    inside = ((at[:, None] >= now[:, :2]) & (at[:, None] <= now[:, 2:])).all(axis=2)
+    near = ((wide[:, None, 2:] >= now[:, :2]) & (wide[:, None, :2] <= now[:, 2:])).all(axis=2)
+    for found, expected in ((index.at_points(*at.T), inside), (index.touching(wide), near)):
+        np.testing.assert_array_equal(np.stack(found)[:, np.lexsort(found[::-1])], np.nonzero(expected))
 
 
 def dry_land(side: int) -> Sketch:

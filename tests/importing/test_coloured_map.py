@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from sketchterrain.errors import InputError
 from sketchterrain.importing.image_colours import mixtures
@@ -14,55 +14,9 @@ from sketchterrain.importing.legend import Legend
 from sketchterrain.importing.traced_layers import (
     UNASSIGNED,
     TraceOptions,
-    join_line_ends,
     scale_labels,
     scaled_size,
 )
-
-_SIZE = (600, 420)
-_FINER = 4  # times as large it is drawn, then scaled down: antialiased
-_AREAS = (
-    ("#add19e", ((40, 210), (150, 190), (230, 240), (210, 330), (90, 360), (30, 300))),
-    ("#f5e9c6", ((380, 300), (560, 270), (590, 390), (430, 400))),
-    ("#8b5a2b", ((60, 40), (190, 25), (300, 70), (330, 130), (240, 160), (120, 120))),
-    ("#7aa048", ((360, 60), (470, 40), (540, 110), (480, 170), (380, 150))),
-)
-_LAKE = (250, 250, 340, 320)
-_RIVERS = (
-    ((210, 150), (240, 190), (235, 225), (275, 262)),
-    ((328, 300), (360, 330), (350, 370), (372, 425)),
-    ((470, 165), (440, 200), (400, 225), (335, 280)),
-)
-_NAMES = (
-    ("THE BROWN MOUNTAINS", (92, 74), 15),
-    ("Deepwood", (88, 262), 18),
-    ("Long Mere", (262, 278), 12),
-    ("Green Downs", (398, 98), 14),
-    ("The Sands", (455, 330), 16),
-    ("River Ash", (383, 205), 12),
-)
-
-
-def draw_map() -> Image.Image:
-    """Return a map of 600×420 px in the colours of common maps, antialiased and lettered."""
-    picture = Image.new("RGB", (_SIZE[0] * _FINER, _SIZE[1] * _FINER), "#f2efe9")
-    draw = ImageDraw.Draw(picture)
-    for colour, corners in _AREAS:
-        points = _finer(corners)
-        draw.polygon(points, fill=colour)
-        draw.line([*points, points[0]], fill="#303030", width=_FINER, joint="curve")
-    draw.ellipse(tuple(_FINER * each for each in _LAKE), fill="#aad3df")
-    for course in _RIVERS:
-        draw.line(_finer(course), fill="#3874c4", width=4 * _FINER, joint="curve")
-    for name, (left, top), size in _NAMES:
-        font = ImageFont.load_default(size * _FINER)
-        draw.text((left * _FINER, top * _FINER), name, fill="black", font=font)
-    return picture.resize(_SIZE, Image.Resampling.LANCZOS)
-
-
-def _finer(points: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
-    return [(_FINER * x, _FINER * y) for x, y in points]
-
 
 OPTIONS = TraceOptions(size_px=256)
 SMOOTH, SHARP = Image.Resampling.LANCZOS, Image.Resampling.BICUBIC
@@ -143,26 +97,6 @@ def test_lettering_is_filled_and_near_ends_of_rivers_are_joined(parts, saved) ->
     river = read_map(saved(pixels)).traced(TraceOptions()).sketch.layers["river"]
     assert parts(river > 0) == 2
     assert np.array_equal(np.flatnonzero(river.any(axis=1)), [20, 21, 22, 60, 61, 62])
-
-
-def test_map_with_lettering_in_common_colours(parts, saved) -> None:
-    for quality in [None, 70, 40]:
-        map_ = draw_map()
-        path = saved(map_) if quality is None else saved(map_, "map.jpg", quality=quality)
-        layers = read_map(path).traced(TraceOptions()).sketch.layers
-        painted = [name for name, image in layers.items() if image.any()]
-        assert painted == ["mountain", "hill", "river", "dune", "forest", "lake"], quality
-        for name in painted:
-            assert parts(layers[name] > 0) == (3 if name == "river" else 1), (quality, name)
-        # No hole where the names are.
-        for name, (top, left, bottom, right) in {
-            "mountain": (80, 150, 100, 285),
-            "hill": (90, 395, 125, 490),
-            "forest": (255, 60, 290, 190),
-            "lake": (275, 262, 296, 325),
-            "dune": (325, 450, 355, 540),
-        }.items():
-            assert (layers[name][top:bottom, left:right] == 1).all(), (quality, name)
 
 
 def test_rivers_and_lakes_of_one_blue_are_separated_by_width(parts, saved) -> None:
@@ -299,22 +233,6 @@ def test_scaling_in_bands_is_bit_equal(monkeypatch) -> None:
     whole = scale_labels(values, (40, 63), thin=(2,))
     monkeypatch.setattr("sketchterrain.importing.traced_layers._PIXELS_AT_ONCE", 1)
     assert np.array_equal(scale_labels(values, (40, 63), thin=(2,)), whole)
-
-
-def test_gaps_between_line_ends_are_closed_and_sides_unchanged(parts) -> None:
-    line = np.zeros((40, 60), bool)
-    line[20, :28] = line[20, 32:] = True
-    line[5:9, 5:9] = True  # a pond far away
-    whole = join_line_ends(line, 4)
-    assert parts(whole) == 2
-    assert np.array_equal(np.argwhere(whole & ~line), [[20, column] for column in range(28, 32)])
-    wide = line.copy()
-    wide[20, 26:34] = False
-    assert np.array_equal(join_line_ends(wide, 4), wide)
-
-    bend = np.zeros((40, 40), bool)
-    bend[10, 5:30] = bend[13, 5:30] = bend[10:14, 29] = True
-    assert np.array_equal(join_line_ends(bend, 4), bend)
 
 
 def test_blend_is_between_its_sides_and_a_line_is_not() -> None:

@@ -18,7 +18,6 @@ from sketchterrain.importing.legend import (
     OWN_LEGEND,
     Legend,
     Meaning,
-    parse_layer_name,
     read_legend,
 )
 from sketchterrain.importing.traced_layers import TraceOptions
@@ -83,18 +82,6 @@ def test_malformed_legends_are_refused(tmp_path) -> None:
     refused("cannot be read", read_legend, tmp_path)
     for text in ["", "mountain", "=#123456", "mountain.=#123456", "mountain=red", "no.1=#123456"]:
         refused("colour ", Legend.parse, [text])
-
-
-def test_names_are_parsed_as_layers_and_labels() -> None:
-    for name, meaning in [
-        ("mountain", Meaning("mountain", 1)),
-        ("Mountains", Meaning("mountain", 1)),
-        (" river 2 ", Meaning("river", 2)),
-        ("LAKE_3.png", Meaning("lake", 3)),
-        ("dune (12)", Meaning("dune", 12)),
-        *((name, None) for name in ("mountain 0", "river 256", "Background", "mountain copy", "")),
-    ]:
-        assert parse_layer_name(name) == meaning, name
 
 
 VRT = b'<VRTDataset rasterXSize="9" rasterYSize="9"><SourceFilename>/etc/passwd</SourceFilename></VRTDataset>'

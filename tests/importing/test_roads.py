@@ -1,6 +1,5 @@
 """Roads, railways, paths, walls and buildings of vector maps: tags, nodes, frames and damaged files."""
 
-import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,8 +24,6 @@ from tests.geo_files import write_raster, write_vectors
 from .test_real_rivers import write_osm
 
 CORNER = 600_000.0, 5_200_000.0
-DATA = Path(os.environ.get("SKETCHTERRAIN_DEMS", "no folder of real DEMs"))
-ANDORRA = DATA.parent / "vectors" / "andorra.osm.pbf"
 
 
 def values(layer: str, tags: dict[str, object]) -> dict[str, object]:
@@ -197,18 +194,6 @@ def test_ways_keep_their_nodes_and_meet_only_ways(tmp_path, elevation) -> None:
     assert vectors["railway"].vertices.tolist() == [[0, 0], [300, 0], [900, 0]]
 
 
-def test_gis_files_of_any_format_give_the_same_roads(tmp_path) -> None:
-    shapes = shapely.linestrings([[(0, 0), (400, 100)], [(400, 100), (900, 900)]])
-    fields = {"highway": ["primary", "track"], "bridge": ["yes", None]}
-    found = []
-    for suffix in (".gpkg", ".geojson", ".shp"):
-        path = write_vectors(tmp_path / f"a{suffix}", shapes, fields)
-        found.append(sketch_from_vectors(path, size_px=32).sketch.vectors["road"])
-    assert len({content_of(each) for each in found}) == 1
-    assert found[0].properties([0, 1]) == [{"structure": "bridge"}, {}]
-    assert found[0].shapes()[1].coords[0] == found[0].shapes()[0].coords[1] == (400.0, 100.0)
-
-
 @pytest.mark.slow
 def test_roads_end_a_hundred_metres_around_a_sketch_on_elevation(tmp_path, elevation) -> None:
     width, _ = elevation.size
@@ -271,29 +256,3 @@ def test_odd_and_damaged_ways_are_skipped_or_refused(tmp_path) -> None:
         path.write_bytes(whole[:length])
         with suppress(InputError):
             sketch_from_vectors(path, size_px=8)
-
-
-@pytest.mark.skipif(not ANDORRA.is_file(), reason="SKETCHTERRAIN_DEMS: no vectors of Andorra beside it")
-def test_roads_of_andorra(tmp_path) -> None:
-    sketch = sketch_from_vectors(ANDORRA, size_px=64).sketch
-    counts = {"bridge": 0, "tunnel": 0}
-    for name in ("road", "path"):
-        layer = sketch.vectors[name]
-        long = shapely.length(layer.shapes()) > 15.0
-        for key in counts:
-            counts[key] += int((long & (np.array(layer.columns["structure"]) == key)).sum())
-    assert counts == {"bridge": 93, "tunnel": 14}  # a 15th tunnel is under construction
-    roads = sketch.vectors["road"]
-    car = ~np.isin(roads.labels, [label for label in range(2, 12) if is_minor(label)])
-    assert 390.0 < shapely.length(roads.shapes())[car].sum() / 1000.0 < 402.0
-    data = ANDORRA.read_bytes()
-    for length in (0, 100, len(data) // 2, len(data) - 100):
-        (tmp_path / "cut.osm.pbf").write_bytes(data[:length])
-        with suppress(InputError):
-            sketch_from_vectors(tmp_path / "cut.osm.pbf", size_px=16)
-
-
-def is_minor(label: int) -> bool:
-    """Return whether a label of roads is that of service roads or tracks."""
-    tags = LAYERS["road"].tags
-    return label - 2 < len(tags) and tags[label - 2].values.split()[0] in ("service", "track")

@@ -9,7 +9,7 @@ import pyogrio
 import pytest
 import rasterio.warp
 import shapely
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
@@ -18,8 +18,8 @@ from sketchterrain.drape.drapes import Drapes
 from sketchterrain.errors import InputError
 from sketchterrain.importing.images import detect_kind
 from sketchterrain.importing.legend import cluster_properties
-from sketchterrain.importing.vector_files import mean_longitude, metric_crs_at, reproject, sketch_area
-from sketchterrain.importing.vectors import _joined, paint_areas, paint_lines, sketch_from_vectors
+from sketchterrain.importing.vector_files import mean_longitude, metric_crs_at, reproject
+from sketchterrain.importing.vectors import paint_areas, paint_lines, sketch_from_vectors
 from sketchterrain.io.crs import parse_crs, parse_metric_crs
 from sketchterrain.landforms.hydrology.rivers import lay_out_water
 from sketchterrain.stages.runner import Runner
@@ -166,29 +166,6 @@ def test_lines_that_nearly_meet_are_one_network(written, gap) -> None:
     assert (main.line[0].tolist(), main.line[-1].tolist()) == ([500, 500], [1500, 500])
     assert stream.parent is main
     np.testing.assert_array_equal(stream.line[-1], main.line[stream.joint])
-
-
-@given(st.integers(0, 1000), st.integers(1, 12))
-def test_tributaries_of_random_stems_join_them(seed, count) -> None:
-    random = np.random.default_rng(seed)
-    stem = shapely.LineString(np.cumsum(random.uniform(-20, 100, (5, 2)), axis=0))
-    along = np.sort(random.choice(np.arange(2, int(stem.length) - 2, 3), count, replace=False))
-    ends = shapely.get_coordinates(shapely.line_interpolate_point(stem, along))
-    tops = ends + random.choice([-1, 1]) * np.array([1000.0, -1000.0])
-    before = [stem, *shapely.linestrings(np.stack([tops, ends], axis=1))]
-    before = shapely.transform(np.array(before), lambda at: np.rint(at * 1024) / 1024)
-    away = shapely.distance(before[1:, None], shapely.points(ends))
-    assume((away[~np.eye(count, dtype=bool)] > 1.0).all() and stem.is_simple)
-    main, *others = _joined(before)
-    vertices = [tuple(at) for at in main.coords]
-    for line_, original in zip(others, before[1:], strict=True):
-        assert line_.coords[0] == original.coords[0]
-        assert line_.coords[-1] in vertices
-        assert math.dist(line_.coords[-1], original.coords[-1]) < 0.002
-    assert main.hausdorff_distance(before[0]) < 0.002
-    assert set(before[0].coords) <= set(vertices)
-    places = [before[0].project(shapely.Point(at)) for at in vertices]
-    assert np.diff(places).min() > -0.002
 
 
 def test_riverbanks_are_areas(written) -> None:
@@ -441,25 +418,6 @@ def test_areas_are_painted_by_pixel_centres_or_by_touch() -> None:
     assert not painted[4:6, 4:6].any()
     assert paint_areas((10, 10), np.array([whole]), touched=True).sum() == 64
     assert not paint_areas((10, 10), np.array([]), touched=True).any()
-
-
-@given(st.lists(st.floats(0.1, 2000), min_size=1, max_size=80), st.integers(1, 16))
-def test_number_and_error_of_clusters_are_bounded(values, most) -> None:
-    of, classes, error = cluster_properties([{"width": value, "kind": "a"} for value in values], most)
-    assert 1 <= len(classes) <= most
-    for value, index in zip(values, of, strict=True):
-        if np.isfinite(error):
-            assert abs(classes[index]["width"] / value - 1) <= error + 1e-12
-
-
-def test_sketch_area_has_whole_pixels() -> None:
-    area = sketch_area((100.4, 200.0, 1100.2, 700.0), 100, exact=True)
-    assert (area.west, area.south, area.extent) == (100, 200, 1001)
-    assert (area.columns, area.rows) == (100, 50)
-    assert area.rows * area.pixel >= 500
-    np.testing.assert_allclose(area.pixels(np.array([[100.0, 200.0]])), [[0, 50]])
-    slim = sketch_area((0, 0, 0, 1000), 100, exact=False)
-    assert (slim.columns, slim.rows, slim.west) == (25, 100, -125)
 
 
 def test_utm_metres_are_true_and_crs_can_be_code_urn_or_wkt() -> None:

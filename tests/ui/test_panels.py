@@ -19,7 +19,7 @@ from sketchterrain.ui.models.elevation import SketchElevation
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.base import BasePanel
 from sketchterrain.ui.panels.layers import LayersPanel
-from sketchterrain.ui.panels.lists import PALE, ContradictionsPanel, HistoryPanel
+from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.settings import ViewPanel, WorldPanel
 from sketchterrain.ui.panels.status_line import AdherencePanel, StatusLine
@@ -176,7 +176,8 @@ def test_history_marks_the_current_step_and_a_click_goes_to_a_step(show_widget, 
     document.go_to(3)
     assert panel.list.selectionModel().selectedIndexes()[0].row() == 3
     model = panel.list.model()
-    assert [bool(model.index(row, 0).data(PALE)) for row in range(6)] == [False] * 4 + [True] * 2
+    pale = Qt.ItemDataRole.ForegroundRole
+    assert [model.index(row, 0).data(pale) is not None for row in range(6)] == [False] * 4 + [True] * 2
     place = panel.list.visualRect(model.index(2, 0)).center()
     QTest.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=place)
     assert (document.history.position, document.sketch.seed) == (2, 1002)

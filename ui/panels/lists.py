@@ -3,29 +3,9 @@
 from functools import partial
 from typing import Final
 
-from PyQt6.QtCore import (
-    QBuffer,
-    QByteArray,
-    QIODevice,
-    QModelIndex,
-    QPoint,
-    QRect,
-    QRectF,
-    QSignalBlocker,
-    QSize,
-    Qt,
-    pyqtSignal,
-)
-from PyQt6.QtGui import QIcon, QImage, QPainter, QShortcut, QStandardItem, QStandardItemModel
-from PyQt6.QtWidgets import (
-    QAbstractItemView,
-    QLabel,
-    QListView,
-    QListWidget,
-    QListWidgetItem,
-    QStyledItemDelegate,
-    QStyleOptionViewItem,
-)
+from PyQt6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
+from PyQt6.QtGui import QIcon, QImage, QShortcut
+from PyQt6.QtWidgets import QAbstractItemView, QLabel, QListWidget, QListWidgetItem
 
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
@@ -34,70 +14,46 @@ from sketchterrain.ui.look.theme import (
     MARGIN,
     SMALL,
     SPACING,
+    active_theme,
     column,
     described,
-    draw_icon,
     filling,
+    icon,
     rounded_picture,
     row,
+    theme,
     tool_button,
 )
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Bookmark, Bookmarks, Workspace
-from sketchterrain.ui.panels.controls import Panel, check_box, draw_band, faint_label, size_text
+from sketchterrain.ui.panels.controls import Panel, check_box, faint_label, size_text
 
-ICON: Final = Qt.ItemDataRole.UserRole + 1  # name of an icon, or None
-PALE: Final = Qt.ItemDataRole.UserRole + 2  # whether a row has secondary text
-_PLACE: Final = Qt.ItemDataRole.UserRole + 9
-_ICON_SIZE: Final = 16
+_PLACE: Final = Qt.ItemDataRole.UserRole  # m, that a line is about
 
 
-class _RowDelegate(QStyledItemDelegate):
-    """Draws a row with an optional icon; its text may wrap."""
-
-    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex) -> QSize:
-        view = self.parent()
-        width = 240
-        if isinstance(view, QListView):
-            port = view.viewport()
-            width = width if port is None else port.width()
-        room = QRect(0, 0, max(60, width - self._inset(index) - SPACING), 10_000)
-        needed = option.fontMetrics.boundingRect(room, Qt.TextFlag.TextWordWrap, str(index.data()))
-        return QSize(width, needed.height() + 2 * SMALL + 2)
-
-    def paint(self, painter: QPainter | None, option: QStyleOptionViewItem, index: QModelIndex) -> None:
-        if painter is None:
-            return
-        painter.save()
-        primary, pale = draw_band(painter, option, QRectF(option.rect).adjusted(2, 1, -2, -1))
-        colour = pale if index.data(PALE) else primary
-        name = index.data(ICON)
-        if name:
-            left, top = option.rect.left() + SPACING, option.rect.top() + SMALL + 2
-            draw_icon(painter, name, QRectF(left, top, _ICON_SIZE, _ICON_SIZE), colour)
-        painter.setPen(colour)
-        text = option.rect.adjusted(self._inset(index), 0, -SPACING, 0)
-        flags = Qt.AlignmentFlag.AlignVCenter | Qt.TextFlag.TextWordWrap
-        painter.drawText(text, flags, str(index.data()))
-        painter.restore()
-
-    def _inset(self, index: QModelIndex) -> int:
-        return SPACING + (_ICON_SIZE + SPACING if index.data(ICON) else 0)
+def _list_of_lines(name: str, tip: str) -> QListWidget:
+    """Return a list of lines, which wrap."""
+    lines = described(QListWidget(), name, tip)
+    lines.setObjectName("lines")
+    lines.setFrameShape(QListWidget.Shape.NoFrame)
+    lines.setWordWrap(True)
+    lines.setResizeMode(QListWidget.ResizeMode.Adjust)
+    lines.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    lines.setVerticalScrollMode(QListWidget.ScrollMode.ScrollPerPixel)
+    return lines
 
 
-def _list_view(name: str, tip: str) -> tuple[QListView, QStandardItemModel]:
-    """Return a list and its rows."""
-    view = described(QListView(), name, tip)
-    items = QStandardItemModel(view)
-    view.setModel(items)
-    view.setItemDelegate(_RowDelegate(view))
-    view.setFrameShape(QListView.Shape.NoFrame)
-    view.setMouseTracking(True)
-    view.setResizeMode(QListView.ResizeMode.Adjust)
-    view.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-    view.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
-    view.setEditTriggers(QListView.EditTrigger.NoEditTriggers)
-    return view, items
+def _line(
+    text: str, name: str = "", *, place: tuple[float, float] | None = None, is_pale: bool = False
+) -> QListWidgetItem:
+    """Return a line with an icon by its name, and the place (m) that it is about."""
+    item = QListWidgetItem(text[:1].upper() + text[1:])
+    if name:
+        item.setIcon(icon(name))
+    if is_pale:
+        item.setForeground(theme().faint)
+    item.setData(_PLACE, place)
+    return item
 
 
 class HistoryPanel(Panel):
@@ -106,35 +62,25 @@ class HistoryPanel(Panel):
     def __init__(self, document: Document) -> None:
         super().__init__()
         self._document = document
-        self._is_filling = False
-        self.list, self._steps = _list_view("History", "Click a step to undo or redo up to there")
-        self.list.setUniformItemSizes(True)
+        self.list = _list_of_lines("History", "Click a step to undo or redo up to there")
         self._memory = faint_label()
         self._memory.setContentsMargins(MARGIN - SMALL, SMALL, MARGIN, SMALL)
         column(self, (self.list, 1), self._memory, margins=(SMALL, SMALL, SMALL, 0), spacing=0)
-        selection = self.list.selectionModel()
-        if selection is not None:
-            selection.currentChanged.connect(self._go_to)
+        self.list.currentRowChanged.connect(document.go_to)
         document.history_changed.connect(self._refresh)
+        active_theme.changed.connect(self._refresh)
         self._refresh()
 
     def _refresh(self) -> None:
         history = self._document.history
-        self._is_filling = True  # blocked signals of the selection would leave removed rows in the list
-        self._steps.clear()
-        for number, title in enumerate(history.titles):
-            self._steps.appendRow(_item(title, "", is_pale=number > history.position))
-        current = self._steps.index(history.position, 0)
-        self.list.setCurrentIndex(current)
-        self._is_filling = False
-        self.list.scrollTo(current)
+        with QSignalBlocker(self.list):
+            self.list.clear()
+            for number, title in enumerate(history.titles):
+                self.list.addItem(_line(title, is_pale=number > history.position))
+            self.list.setCurrentRow(history.position)
         done, undone = history.position, len(history.titles) - 1 - history.position
         steps = f"{done} step{'' if done == 1 else 's'}" + (f", {undone} undone" if undone else "")
         self._memory.setText(f"{steps} · {size_text(history.bytes)}")
-
-    def _go_to(self, index: QModelIndex) -> None:
-        if index.isValid() and not self._is_filling:
-            self._document.go_to(index.row())
 
 
 class ContradictionsPanel(Panel):
@@ -146,8 +92,7 @@ class ContradictionsPanel(Panel):
         super().__init__()
         self._workspace, self._link = workspace, link
         self._lines: tuple[object, ...] = ()
-        self.list, self._model = _list_view("Contradictions", "Click a line to see the place")
-        self.list.setWordWrap(True)
+        self.list = _list_of_lines("Contradictions", "Click a line to see the place")
         self.mark = check_box("&Mark them in the sketch", "Marks where layers contradict each other")
         self._none = faint_label(
             "No layer contradicts another one. A river painted across a mountain would be listed here, "
@@ -155,8 +100,8 @@ class ContradictionsPanel(Panel):
         )
         margins = (MARGIN, MARGIN, MARGIN, SMALL)
         column(self, self.mark, self._none, (self.list, 1), 0, margins=margins, spacing=MARGIN)
-        self.list.clicked.connect(self._activate)
-        self.list.activated.connect(self._activate)
+        self.list.itemClicked.connect(self._activate)
+        self.list.itemActivated.connect(self._activate)
         self.mark.toggled.connect(lambda on: workspace.show_overlay("contradictions", on))
         workspace.overlays_changed.connect(self._show_overlay)
         link.placed_changed.connect(self._refresh)
@@ -164,8 +109,7 @@ class ContradictionsPanel(Panel):
         self._refresh()
 
     def _show_overlay(self) -> None:
-        with QSignalBlocker(self.mark):
-            self.mark.setChecked("contradictions" in self._workspace.overlays)
+        self.mark.setChecked("contradictions" in self._workspace.overlays)
 
     def _refresh(self, *_: object) -> None:
         placed = self._link.placed
@@ -173,30 +117,20 @@ class ContradictionsPanel(Panel):
         if lines == self._lines:
             return
         self._lines = lines
-        self._model.clear()
+        self.list.clear()
         for line, x, y in placed.resolutions:
-            self._model.appendRow(_item(line, "warning", place=(x, y)))
+            self.list.addItem(_line(line, "warning", place=(x, y)))
         for line, place in placed.findings:
-            self._model.appendRow(_item(line, "info", place=place))
+            self.list.addItem(_line(line, "info", place=place))
         for line in placed.orphans:
-            self._model.appendRow(_item(f"Edit without its feature: {line}", "delete", is_pale=True))
-        self._none.setHidden(self._model.rowCount() > 0)
-        self.list.setVisible(self._model.rowCount() > 0)
+            self.list.addItem(_line(f"Edit without its feature: {line}", "delete", is_pale=True))
+        self._none.setHidden(self.list.count() > 0)
+        self.list.setVisible(self.list.count() > 0)
 
-    def _activate(self, index: QModelIndex) -> None:
-        place = index.data(_PLACE)
+    def _activate(self, item: QListWidgetItem) -> None:
+        place = item.data(_PLACE)
         if place is not None:
             self.place_activated.emit(*place)
-
-
-def _item(
-    line: str, icon: str, *, place: tuple[float, float] | None = None, is_pale: bool = False
-) -> QStandardItem:
-    item = QStandardItem(line[:1].upper() + line[1:])
-    item.setData(icon, ICON)
-    item.setData(is_pale, PALE)
-    item.setData(place, _PLACE)
-    return item
 
 
 _THUMBNAIL: Final = QSize(96, 60)  # px

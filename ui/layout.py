@@ -6,74 +6,42 @@ from itertools import islice, pairwise
 from typing import Final, cast
 
 from PyQt6.QtCore import QByteArray, QEvent, QObject, QSize, Qt
-from PyQt6.QtGui import QFont, QKeyEvent, QScreen
+from PyQt6.QtGui import QKeyEvent, QScreen
 from PyQt6.QtWidgets import (
+    QAbstractButton,
     QAbstractSpinBox,
     QApplication,
     QDockWidget,
     QLineEdit,
     QMainWindow,
     QMenu,
-    QSizePolicy,
     QToolBar,
-    QToolButton,
     QWidget,
 )
 
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.look.theme import SMALL, SPACING, heading, row, tool_button
+from sketchterrain.ui.look.theme import described
 from sketchterrain.ui.models.background import single_shot
 
 
 class Dock(QDockWidget):
-    """A dock panel."""
+    """A dock panel; it has no title bar where a tab shows its title."""
 
     def __init__(self, name: str, title: str, content: QWidget, parent: QWidget) -> None:
         super().__init__(title, parent)
         self.setObjectName(f"dock-{name}")
         self.setWidget(content)
-        self.title_bar = _TitleBar(self)
-        self.setTitleBarWidget(self.title_bar)
+        self._no_title = QWidget(self)
+        self._no_title.hide()
+        for name, verb in (("close", "Close"), ("float", "Float or dock")):
+            button = self.findChild(QAbstractButton, f"qt_dockwidget_{name}button")
+            described(button, f"{verb} {title}", f"{verb} {title}").setFocusPolicy(Qt.FocusPolicy.TabFocus)
 
-
-class _TitleBar(QWidget):
-    """A dock's title and two buttons; elsewhere a press drags the dock."""
-
-    def __init__(self, dock: Dock) -> None:
-        super().__init__(dock)
-        name = heading(dock.windowTitle(), weight=QFont.Weight.Bold)
-        float_button = _button("float", f"Float {dock.windowTitle()}")
-        float_button.clicked.connect(lambda: dock.setFloating(not dock.isFloating()))
-        close = _button("close", f"Close {dock.windowTitle()}")
-        close.clicked.connect(dock.close)
-        row(self, name, 1, float_button, close, margins=(SPACING, SMALL, SMALL, 0), spacing=0)
-        self._parts, self._is_expanded = (name, float_button, close), True
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        dock.topLevelChanged.connect(
-            lambda floats: float_button.setToolTip(f"{'Dock' if floats else 'Float'} {dock.windowTitle()}")
-        )
-
-    def set_expanded(self, is_expanded: bool) -> None:
-        """Show the title and buttons, or collapse to nothing where a tab shows the title."""
-        if is_expanded != self._is_expanded:
-            self._is_expanded = is_expanded
-            for part in self._parts:
-                part.setVisible(is_expanded)
-            self.updateGeometry()
-
-    def sizeHint(self) -> QSize:
-        return super().sizeHint() if self._is_expanded else QSize(60, 0)
-
-    def minimumSizeHint(self) -> QSize:
-        # A long title must not widen a narrow panel.
-        return QSize(60, super().minimumSizeHint().height() if self._is_expanded else 0)
-
-
-def _button(name: str, title: str) -> QToolButton:
-    button = tool_button(name, title, side=12)
-    button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-    button.setAutoRaise(True)
-    return button
+    def show_title(self, is_shown: bool) -> None:
+        """Show the title bar, or none."""
+        bar = None if is_shown else self._no_title
+        if self.titleBarWidget() is not bar:
+            self.setTitleBarWidget(bar)
 
 
 _VERSION = 2  # of the set of panels: layouts of other versions are not restored
@@ -195,8 +163,7 @@ class PanelLayout(QObject):
 
     def _update_titles(self) -> None:
         for dock in self.docks.values():
-            is_tab = not dock.isFloating() and bool(self._window.tabifiedDockWidgets(dock))
-            dock.title_bar.set_expanded(not is_tab)
+            dock.show_title(dock.isFloating() or not self._window.tabifiedDockWidgets(dock))
 
 
 _PARTS: Final = ("canvas", "view")

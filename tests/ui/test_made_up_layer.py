@@ -145,7 +145,7 @@ def main(kind: str, folder: Path) -> None:
     panel, page = LayersPanel(document, workspace), LabelPage(document, workspace)
     panel.clear_layer()
     assert not document.sketch.layers["cave"].any()
-    assert list(page.forms["cave"].rows) == ["length"]
+    assert list(page.form.rows) == ["length"]
     assert meaning_box().findText("Caves") >= 0
     AdherenceBar("cave").grab()
     panel.grab()

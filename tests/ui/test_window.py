@@ -398,7 +398,7 @@ def height(window, workspace, qtbot):
     """The number field of the height of mountains 1, which is being edited."""
     activate(window, qtbot)
     workspace.use_label("mountain", 1)
-    field = window.findChild(PropertiesPanel).label_page.forms["mountain"].rows["height"].box
+    field = window.findChild(PropertiesPanel).label_page.form.rows["height"].box
     QTest.mouseClick(field, LEFT)
     field.selectAll()
     QTest.keyClicks(field, "500")

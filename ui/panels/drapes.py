@@ -246,8 +246,7 @@ class DrapePage(QWidget):
             self.value.show_value(layer.classes[index].value)
         self.style_form.show_values(layer.style_of(index))
         for name, field in self.style_form.rows.items():
-            if field.reset is not None:
-                field.reset.setVisible(name in own if index >= 0 else own[name] != STYLE[name].default)
+            field.show_reset(name in own if index >= 0 else own[name] != STYLE[name].default)
 
     def _set(self, name: str, value: Value | None, key: object = None) -> None:
         """Set a value of the layer, or a style of the shown class; None is the default, or the layer's."""

@@ -1,6 +1,6 @@
 """Properties of the selected feature, of a layer of the sketch or of a draped one."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 
 from PyQt6.QtWidgets import QComboBox, QLabel, QWidget
@@ -37,15 +37,15 @@ class FeaturePage(QWidget):
         super().__init__()
         self._document, self._workspace = document, workspace
         self._shown: SelectedFeature | None = None
-        self._head, self.form = PageHead(), ParameterForm([])
-        self._declared: tuple[str, Mapping[str, Parameter]] = ("", {})
+        self._head, self.form = PageHead(), ParameterForm()
         tip = "Its label, which it has properties of; of roads, railways and paths the kind of way too"
         self.label = described(scroll_past(QComboBox()), "Label", tip)
         title = QLabel("La&bel")
         title.setBuddy(self.label)
         self._labels = QWidget()
         row(self._labels, (title, 1), self.label)
-        self._column = column(self, self._head, self._labels, self.form, spacing=MARGIN)
+        column(self, self._head, self._labels, self.form, spacing=MARGIN)
+        self.form.edited.connect(self._set)
         self.label.activated.connect(lambda _: self._set_label(*self.label.currentData()))
         signals = document.sketch_changed, document.drapes.changed, workspace.selection_changed
         for signal in (*signals, workspace.look_changed):
@@ -79,13 +79,19 @@ class FeaturePage(QWidget):
         for pair in ordered:
             self.label.addItem(label_title(*pair), pair)
         self.label.setCurrentIndex(ordered.index(own_label))
-        self._declare(name, with_materials(vector_parameters(name), sketch.material_table))
+        left_out = "flow" if layer.is_water else "directed"
+        declared = with_materials(vector_parameters(name), sketch.material_table)
+        rows = [
+            replace(each, help=_HELP.get(key, each.help)) for key, each in declared.items() if key != left_out
+        ]
+        if layer.is_painted:  # but vectors are not: no width is as wide as painted
+            rows = [replace(each, sentinel=None) for each in rows]
+        self.form.declare([_NAME, *rows])
         values = {"name": "", "smooth": 0, "directed": 0, **sketch.properties(name, feature.label), **own}
         self.form.show_values(values)
         for key, field in self.form.rows.items():
             field.setVisible(feature.kind == LINE or key not in _OF_LINES)
-            if field.reset is not None:
-                field.reset.setVisible(key in own)
+            field.show_reset(key in own, "Back to its label's")
 
     def _show_draped(self, own: SelectedFeature, fields: Iterable[str]) -> None:
         selection, feature = own.selection, own.feature
@@ -93,29 +99,12 @@ class FeaturePage(QWidget):
         self._head.show_text(f"{KINDS[feature.kind].capitalize()} {feature.id} of {title}", _size(own))
         self._labels.hide()
         names = dict.fromkeys([*fields, *feature.properties])
-        self._declare("", {name: replace(_TEXT, name=name) for name in names})
+        self.form.declare(
+            (replace(_TEXT, name=name) for name in names), titles={name: name for name in names}
+        )
         self.form.show_values({name: str(feature.properties.get(name, "")) for name in names})
-
-    def _declare(self, layer: str, declared: Mapping[str, Parameter]) -> None:
-        """Show a form of other properties in place of the present one."""
-        if (layer, declared) == self._declared:
-            return
-        self._declared, rows = (layer, declared), [*declared.values()]
-        if layer:
-            left_out = "flow" if LAYERS[layer].is_water else "directed"
-            rows = [
-                replace(each, help=_HELP.get(each.name, each.help)) for each in rows if each.name != left_out
-            ]
-            if LAYERS[layer].is_painted:  # but vectors are not: no width is as wide as painted
-                rows = [replace(each, sentinel=None) for each in rows]
-            rows = [_NAME, *rows]
-        self.form.deleteLater()
-        self.form = ParameterForm(rows, titles={} if layer else {name: name for name in declared})
-        for field in self.form.rows.values():
-            if field.reset is not None:
-                field.reset.setToolTip("Back to its label's" if layer else "Remove its value")
-        self.form.edited.connect(self._set)
-        self._column.addWidget(self.form)
+        for name, field in self.form.rows.items():
+            field.show_reset(name in feature.properties, "Remove its value")
 
     def _set_label(self, layer: str, label: int) -> None:
         """Set the label, of a way also its kind: it moves to the layer of that."""

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 from PyQt6.QtCore import QSignalBlocker, pyqtSignal
 from PyQt6.QtGui import QColor, QIcon
@@ -19,7 +20,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.schema.parameters import LOOK, Parameter, Value
 from sketchterrain.ui.look.layer_colours import colour_swatch
-from sketchterrain.ui.look.theme import SPACING, column, row, tool_button
+from sketchterrain.ui.look.theme import SPACING, clear, column, row, tool_button
 from sketchterrain.ui.panels.controls import (
     SLIDER_STEPS,
     ClockBox,
@@ -43,9 +44,11 @@ class ParameterRow(QWidget):
 
     edited = pyqtSignal(object, object)  # the new value, None to reset it, and the merge key of the gesture
 
-    def __init__(self, parameter: Parameter, *, title: str = "", has_reset: bool = True) -> None:
+    def __init__(
+        self, parameter: Parameter, *, title: str = "", has_reset: bool = True, decimals: int = 3
+    ) -> None:
         super().__init__()
-        self.parameter = parameter
+        self.parameter, self._decimals = parameter, decimals
         self.title = title or title_from_key(parameter.name)
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
@@ -64,8 +67,13 @@ class ParameterRow(QWidget):
 
     def show_value(self, value: Value) -> None:
         """Show a value without emitting a signal."""
+        self.show_reset(value != self.parameter.default)
+
+    def show_reset(self, visible: bool, tip: str = "") -> None:
+        """Show or hide the reset button, and give it another tool tip."""
         if self.reset is not None:
-            self.reset.setVisible(value != self.parameter.default)
+            self.reset.setVisible(visible)
+            self.reset.setToolTip(tip or self.reset.toolTip())
 
     def finish(self) -> None:
         """Accept the text being typed."""
@@ -105,16 +113,14 @@ class NumberRow(ParameterRow):
     All values of a slider's drag share one merge key, so that the drag is one undo step.
     """
 
-    def __init__(
-        self, parameter: Parameter, *, title: str = "", has_reset: bool = True, decimals: int = 3
-    ) -> None:
-        super().__init__(parameter, title=title, has_reset=has_reset)
+    def __init__(self, parameter: Parameter, **options: Any) -> None:
+        super().__init__(parameter, **options)
         self._gesture = Gesture()
         low, high = slider_range(parameter)
         self._scale = Scale.suited(parameter, low, high)
         self._sentinel = parameter.sentinel
         self.number = low if self._sentinel is None else self._sentinel.start  # displayed, not rounded
-        self.box = self._number_box(0 if parameter.kind is int else decimals)
+        self.box = self._number_box()
         self.slider = slider()
         self.check = None if self._sentinel is None else QCheckBox(self._sentinel.title)
         self._add(self.box)
@@ -134,9 +140,6 @@ class NumberRow(ParameterRow):
 
     def finish(self) -> None:
         self.box.interpretText()
-
-    def set_slider_range(self, low: float, high: float) -> None:
-        self._scale = Scale.suited(self.parameter, low, high)
 
     def show_value(self, value: Value) -> None:
         super().show_value(value)
@@ -168,8 +171,9 @@ class NumberRow(ParameterRow):
         if self._sentinel is not None:
             self.edited.emit(self._sentinel.value if checked else self.number, object())
 
-    def _number_box(self, decimals: int) -> NumberBox:
+    def _number_box(self) -> NumberBox:
         parameter, sentinel = self.parameter, self._sentinel
+        decimals = 0 if parameter.kind is int else self._decimals
         low, high = parameter.low, parameter.high
         if sentinel is not None and sentinel.value == low:
             low = slider_range(parameter)[0]
@@ -181,8 +185,8 @@ class NumberRow(ParameterRow):
 class CheckRow(ParameterRow):
     """A parameter that is 0 or 1."""
 
-    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
-        super().__init__(parameter, title=title)
+    def __init__(self, parameter: Parameter, **options: Any) -> None:
+        super().__init__(parameter, **options)
         self.box = QCheckBox()
         self.box.clicked.connect(lambda on: self.edited.emit(int(on), object()))
         self._add(self.box)
@@ -195,8 +199,8 @@ class CheckRow(ParameterRow):
 class ChoiceRow(ParameterRow):
     """A parameter with a few allowed values."""
 
-    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
-        super().__init__(parameter, title=title)
+    def __init__(self, parameter: Parameter, **options: Any) -> None:
+        super().__init__(parameter, **options)
         self.box = scroll_past(QComboBox())
         for choice in parameter.choices:
             self.box.addItem(str(choice).replace("_", " ").capitalize(), choice)
@@ -211,8 +215,8 @@ class ChoiceRow(ParameterRow):
 class TextRow(ParameterRow):
     """A text parameter."""
 
-    def __init__(self, parameter: Parameter, *, title: str = "", has_reset: bool = True) -> None:
-        super().__init__(parameter, title=title, has_reset=has_reset)
+    def __init__(self, parameter: Parameter, **options: Any) -> None:
+        super().__init__(parameter, **options)
         self.field = QLineEdit()
         self.field.setMaxLength(int(parameter.high))
         self.field.editingFinished.connect(self._report)
@@ -234,8 +238,8 @@ class TextRow(ParameterRow):
 class ColourRow(TextRow):
     """A colour as text, or chosen in a dialog."""
 
-    def __init__(self, parameter: Parameter, *, title: str = "") -> None:
-        super().__init__(parameter, title=title)
+    def __init__(self, parameter: Parameter, **options: Any) -> None:
+        super().__init__(parameter, **options)
         self.button = tool_button("pick", f"Choose {self.title.lower()}", tip="Choose a colour")
         self.button.clicked.connect(self._choose)
         self._grid.addWidget(self.button, 0, 1)
@@ -264,15 +268,30 @@ class ParameterForm(QWidget):
     edited = pyqtSignal(str, object, object)
     """The parameter's name, its new value, None to reset it, and the merge key of the gesture."""
 
-    def __init__(self, parameters: Iterable[Parameter], *, titles: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, parameters: Iterable[Parameter] = (), *, titles: Mapping[str, str] | None = None
+    ) -> None:
         super().__init__()
         self.rows: dict[str, ParameterRow] = {}
-        for parameter in parameters:
-            name = parameter.name
-            field = _row_class(parameter)(parameter, title=(titles or {}).get(name, ""))
-            field.edited.connect(partial(self.edited.emit, name))
-            self.rows[name] = field
-        column(self, *self.rows.values())
+        self._declared: object = None
+        self._column = column(self)
+        self.declare(parameters, titles=titles)
+
+    def declare(
+        self, parameters: Iterable[Parameter], *, titles: Mapping[str, str] | None = None, **options: Any
+    ) -> None:
+        """Show rows of parameters, unless they are the present ones; see `ParameterRow` for options."""
+        declared = tuple(parameters), titles, options
+        if declared == self._declared:
+            return
+        self._declared, self.rows = declared, {}
+        clear(self._column)
+        for parameter in declared[0]:
+            title = (titles or {}).get(parameter.name, "")
+            field = self.rows[parameter.name] = _row_class(parameter)(parameter, title=title, **options)
+            field.edited.connect(partial(self.edited.emit, parameter.name))
+            self._column.addWidget(field)
+            field.show()
 
     def show_values(self, values: Mapping[str, Value]) -> None:
         for name, field in self.rows.items():

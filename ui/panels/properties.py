@@ -3,16 +3,18 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from PyQt6.QtCore import QSignalBlocker
-from PyQt6.QtWidgets import QLabel, QPushButton, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QPushButton, QWidget
 
 from sketchterrain.document.edits import ACTIONS, ADDED_BIT
 from sketchterrain.document.own_materials import with_materials
+from sketchterrain.document.sketch import Sketch
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, River
 from sketchterrain.schema.layers import LAYERS, layer_of
-from sketchterrain.schema.parameters import Parameter, Value
+from sketchterrain.schema.parameters import Parameter, Sentinel, Value, parameter_table
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placement
@@ -21,7 +23,6 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.controls import (
-    NumberBox,
     PageHead,
     ScrollingPanel,
     faint_label,
@@ -31,149 +32,62 @@ from sketchterrain.ui.panels.controls import (
 )
 from sketchterrain.ui.panels.drapes import DrapePage
 from sketchterrain.ui.panels.feature_page import FeaturePage
-from sketchterrain.ui.panels.form import NumberRow, ParameterForm
+from sketchterrain.ui.panels.form import ParameterForm
 
-_SHAPE = ACTIONS["add"].required
-_HEIGHT = replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top")
-_DENSITY = replace(
-    _SHAPE["strength"], name="density", high=1.0, help="share of the trees that the ground can carry"
+_SHAPE, _WIDTH = ACTIONS["add"].required, ACTIONS["width"].required["width"]
+_TREES, _EXTENT = "share of the trees that the ground can carry", "how far it extends from its centre"
+_POINTS = "the river runs through its control points, from the spring, 1, to the mouth"
+_PARAMETERS = parameter_table(
+    replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top"),
+    replace(_SHAPE["strength"], name="density", high=1.0, help=_TREES),
+    *(replace(_SHAPE["radius"], help=_EXTENT), _WIDTH),
+    Parameter("point", int, 0, 0, 1, "", _POINTS, sentinel=Sentinel(0, "None", 1)),
+    *(_SHAPE["x"], _SHAPE["y"]),
 )
-_RADIUS = replace(_SHAPE["radius"], help="how far it extends from its centre")
+_TITLES, _PLACE = {"point": "Control point", "x": "East", "y": "North"}, ("x", "y")
 
 
-class PlacedForm(QWidget):
-    """Numbers of a placed object: a feature, a river and one of its control points, or a lake.
+class _Shown(NamedTuple):
+    """What its page shows of a placed object: a label, a line, values by parameters and a note."""
 
-    `line` describes it; `layer` and `label` are those of its swatch.
-    """
+    label: tuple[str, int]
+    line: str
+    values: Mapping[str, float]
+    note: str = ""
+    is_fixed: bool = False  # whether it cannot be moved
 
-    def __init__(self, document: Document, workspace: Workspace) -> None:
-        super().__init__()
-        self._document, self._workspace = document, workspace
-        self._shown: tuple[Placement, Selection] | None = None
-        self._pending: tuple[Placement, Selection, float, float] | None = None  # a moved control point
-        self.layer, self.label, self.line = "", 1, ""
-        self.rows = {
-            "height": NumberRow(_HEIGHT, has_reset=False, decimals=1),
-            "density": NumberRow(_DENSITY, has_reset=False, decimals=2),
-            "radius": NumberRow(_RADIUS, has_reset=False, decimals=1),
-            "width": NumberRow(ACTIONS["width"].required["width"], has_reset=False, decimals=1),
-            "x": NumberRow(_SHAPE["x"], title="East", has_reset=False, decimals=1),
-            "y": NumberRow(_SHAPE["y"], title="North", has_reset=False, decimals=1),
-        }
-        self.points = described(
-            NumberBox(0, 0, decimals=0),
-            "Control point",
-            "The river runs through its control points, from the spring, 1, to the mouth",
-        )
-        self.points.setSpecialValueText("none")
-        self._points, self._note = QWidget(), faint_label()
-        title = QLabel("Control &point")
-        title.setBuddy(self.points)
-        row(self._points, (title, 1), self.points)
-        *sizes, x, y = self.rows.values()
-        column(self, *sizes, self._points, x, y, self._note)
-        self.points.valueChanged.connect(self._select_point)
-        for name, field in self.rows.items():
-            field.edited.connect(partial(self._apply, name))
 
-    def show_selection(self, placed: Placement, selection: Selection) -> None:
-        if self._shown is not None and self._shown[1] != selection:
-            for field in self.rows.values():
-                field.finish()  # the text being typed is for the previous object
-        self._shown = placed, selection
-        self.label, shown = 1, set[str]()
-        point, river = commands.find_point(placed, selection), commands.find_river(placed, selection)
-        lake = commands.find_lake(placed, selection)
-        if point is not None:
-            self.layer, self.line = commands.name_of(placed, selection), _origin(selection.id)
-            self._show_feature(point)
-            shown = {"density" if LAYERS[self.layer].is_share else "height", "radius", "x", "y"}
-        elif river is not None:
-            self.layer, self.label = layer_of(river.id), max(river.label, 1)
-            self._show_river(placed, river, selection)
-            shown = {"width", "x", "y"}
-        elif lake is not None:
-            self.layer, self.label = layer_of(lake.id), max(lake.label, 1)  # 0: filled by a river
-            self.line = f"painted with label {lake.label}" if lake.label else "filled by a river"
-            self._note.setText(
-                f"Water level: {number(lake.level, decimals=1)} m, as high as its rim allows. "
-                f"Depth: {number(lake.depth, decimals=1)} m."
-            )
-        for name, field in self.rows.items():
-            field.setVisible(name in shown)
-        self._points.setVisible(river is not None)
-        self._note.setVisible(point is None)
-
-    def _show_feature(self, point: np.void) -> None:
-        east, north = self._document.sketch.size
-        self.rows["radius"].set_slider_range(max(east, north) / 1000, max(east, north))
-        values = commands.values_of(self._document.sketch, point)
+def _describe(sketch: Sketch, placed: Placement, selection: Selection) -> _Shown:
+    """Describe a feature, a river and one of its control points, or a lake."""
+    point, river = commands.find_point(placed, selection), commands.find_river(placed, selection)
+    if river is not None:
+        return _describe_river(sketch, placed, selection, river)
+    if point is not None:
+        kind, values = commands.name_of(placed, selection), commands.values_of(sketch, point)
         height = values.pop("strength")
-        self._show_place(values.pop("x"), values.pop("y"), is_enabled=True)
-        for name, value in {**values, "height": height, "density": min(height, 1.0)}.items():
-            self.rows[name].show_value(value)
+        main = {"density": min(height, 1.0)} if LAYERS[kind].is_share else {"height": height}
+        return _Shown((kind, 1), _origin(selection.id), {**main, **values})
+    lake = commands.find_lake(placed, selection)
+    assert lake is not None  # noqa: S101 # the selection exists
+    line = f"painted with label {lake.label}" if lake.label else "filled by a river"
+    level, depth = (number(each, decimals=1) for each in (lake.level, lake.depth))
+    note = f"Water level: {level} m, as high as its rim allows. Depth: {depth} m."
+    return _Shown((layer_of(lake.id), max(lake.label, 1)), line, {}, note)
 
-    def _show_river(self, placed: Placement, river: River, selection: Selection) -> None:
-        steps = np.diff(river.centreline[:, :2], axis=0)
-        length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-        self.line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
-        width = commands.width_of(self._document.sketch, placed, selection) or float(np.median(river.width))
-        self.rows["width"].show_value(width)
-        index, count = selection.index, len(river.points)
-        with QSignalBlocker(self.points):
-            self.points.setSuffix(f" of {count}")
-            self.points.setRange(0, count)
-            self.points.setValue(0 if index is None else index + 1)
-        if index is None or not 0 <= index < count:
-            for name in ("x", "y"):
-                self.rows[name].setEnabled(False)
-            self._note.setText("Select a control point here, in the sketch or in the view to move it.")
-            return
-        joins = index == count - 1 and commands.find_parent_river(placed, river) is not None
-        x, y, level = river.points[index].tolist()[:3]
-        if self._pending is not None and self._pending[0] is placed and self._pending[1] == selection:
-            x, y = self._pending[2:]
-        self._show_place(x, y, is_enabled=not joins)
-        self._note.setText(
-            "Here it joins another river, and follows it."
-            if joins
-            else f"Water level: {number(level, decimals=1)} m."
-        )
 
-    def _show_place(self, x: float, y: float, *, is_enabled: bool) -> None:
-        for name, end, value in zip(("x", "y"), self._document.sketch.size, (x, y), strict=True):
-            self.rows[name].setEnabled(is_enabled)
-            self.rows[name].set_slider_range(0.0, end)
-            self.rows[name].show_value(value)
-
-    def _select_point(self, number: float) -> None:
-        if self._shown is not None:
-            index = int(number) - 1 if number else None
-            self._workspace.selection = replace(self._shown[1], index=index)
-
-    def _apply(self, name: str, value: float, key: object) -> None:
-        if self._shown is None:
-            return
-        (placed, selection), sketch = self._shown, self._document.sketch
-        kind = commands.name_of(placed, selection)
-        position = {each: self.rows[each].number for each in ("x", "y")} | {name: value}
-        x, y = position["x"], position["y"]
-        if name == "width":
-            changed, title = commands.widened(sketch, selection, value), f"Set the width of {kind}"
-        elif selection.kind == "course":
-            changed, title = commands.point_moved(sketch, placed, selection, x, y), f"Move a point of {kind}"
-            self._pending = placed, selection, x, y
-        elif name in ("x", "y"):
-            changed = commands.with_values(sketch, placed, selection, "move", x=x, y=y)
-            title = f"Move {kind}"
-        elif name == "radius":
-            changed = commands.with_values(sketch, placed, selection, "resize", radius=value)
-            title = f"Resize {kind}"
-        else:
-            changed = commands.with_values(sketch, placed, selection, "strength", strength=value)
-            title = f"Set {name} of {kind}"
-        self._document.do(title, changed, merge=key)
+def _describe_river(sketch: Sketch, placed: Placement, selection: Selection, river: River) -> _Shown:
+    length = float(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T).sum())
+    line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
+    width = commands.width_of(sketch, placed, selection) or float(np.median(river.width))
+    at, count, label = selection.index, len(river.points), (layer_of(river.id), max(river.label, 1))
+    if at is None or not 0 <= at < count:
+        note = "Select a control point here, in the sketch or in the view to move it."
+        return _Shown(label, line, {"width": width, "point": 0, "x": 0.0, "y": 0.0}, note, is_fixed=True)
+    x, y, level = river.points[at].tolist()[:3]
+    joins = at == count - 1 and commands.find_parent_river(placed, river) is not None
+    note = f"Water level: {number(level, decimals=1)} m."
+    note = "Here it joins another river, and follows it." if joins else note
+    return _Shown(label, line, {"width": width, "point": at + 1, "x": x, "y": y}, note, joins)
 
 
 def _origin(feature: int) -> str:
@@ -183,43 +97,32 @@ def _origin(feature: int) -> str:
 
 
 class LabelPage(QWidget):
-    """A form for each layer's declared parameters; that of the active layer is visible."""
+    """The declared parameters of the active label."""
 
     def __init__(self, document: Document, workspace: Workspace) -> None:
         super().__init__()
         self._document, self._workspace = document, workspace
-        self._head = PageHead()
-        self.forms: dict[str, ParameterForm] = {}
-        self._declared: dict[str, Mapping[str, Parameter]] = {}
-        self._shown: tuple[str, int] | None = None
-        self._column: QVBoxLayout = column(self, self._head, spacing=MARGIN)
+        self._head, self.form = PageHead(), ParameterForm()
+        self._shown = workspace.layer, workspace.label
+        column(self, self._head, self.form, spacing=MARGIN)
+        self.form.edited.connect(self._set)
         workspace.label_changed.connect(self._show)
         document.sketch_changed.connect(self._show)
         self._show()
 
     def _show(self) -> None:
-        layer, label = self._workspace.layer, self._workspace.label
-        if self._shown != (layer, label) and self._shown is not None:
-            self.forms[self._shown[0]].finish()  # the text being typed is for the previous label
+        sketch, layer, label = self._document.sketch, self._workspace.layer, self._workspace.label
+        if self._shown != (layer, label):
+            self.form.finish()  # the text being typed is for the previous label
         self._shown = (layer, label)
         self._head.show_text(label_title(layer, label), LAYERS[layer].help, (layer, label))
-        parameters = with_materials(LAYERS[layer].parameters, self._document.sketch.material_table)
-        if self._declared.get(layer, parameters) != parameters:  # the sketch has other materials
-            self.forms.pop(layer).deleteLater()
-        if layer not in self.forms:
-            self._declared[layer] = parameters
-            form = self.forms[layer] = ParameterForm(parameters.values())
-            form.edited.connect(self._set)
-            self._column.addWidget(form)
-        self.forms[layer].show_values(self._document.sketch.properties(layer, label))
-        for name, form in self.forms.items():
-            form.setVisible(name == layer)
+        self.form.declare(with_materials(LAYERS[layer].parameters, sketch.material_table).values())
+        self.form.show_values(sketch.properties(layer, label))
 
     def _set(self, name: str, value: Value | None, key: object) -> None:
-        if self._shown is not None:
-            changed = commands.set_property(self._document.sketch, *self._shown, name, value)
-            verb, title = "Reset" if value is None else "Set", title_from_key(name).lower()
-            self._document.do(f"{verb} {title} of {label_title(*self._shown).lower()}", changed, merge=key)
+        changed = commands.set_property(self._document.sketch, *self._shown, name, value)
+        verb, title = "Reset" if value is None else "Set", title_from_key(name).lower()
+        self._document.do(f"{verb} {title} of {label_title(*self._shown).lower()}", changed, merge=key)
 
 
 class SelectionPage(QWidget):
@@ -228,18 +131,20 @@ class SelectionPage(QWidget):
     def __init__(self, document: Document, workspace: Workspace, link: EngineLink) -> None:
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
-        self._head = PageHead()
-        self.form = PlacedForm(document, workspace)
+        self._shown: Selection | None = None
+        self._moved: tuple[Placement, Selection, dict[str, float]] | None = None  # a control point
+        self._head, self.form, self._text = PageHead(), ParameterForm(), faint_label()
         self._note = faint_label("Locked: painting does not change it.")
         self.lock = _button("lock", "Loc&k", "Leave it as it is, whatever is painted")
         self.lock.setCheckable(True)
         self.reset = _button("reset", "&Reset", "Restore it as it was generated")
         self.delete = _button("delete", "&Delete", "Delete it; undo restores it")
+        self.form.edited.connect(self._set)
         self.lock.toggled.connect(lambda on: self._apply(lock if on else unlock))
         self.reset.clicked.connect(partial(self._apply, reset))
         self.delete.clicked.connect(partial(self._apply, delete))
         buttons = row(None, (self.lock, 1), (self.reset, 1), (self.delete, 1), spacing=SMALL)
-        column(self, self._head, self.form, self._note, buttons, spacing=MARGIN)
+        column(self, self._head, self.form, self._text, self._note, buttons, spacing=MARGIN)
         document.sketch_changed.connect(self.refresh)
         workspace.selection_changed.connect(self.refresh)
         link.placed_changed.connect(self.refresh)
@@ -249,18 +154,24 @@ class SelectionPage(QWidget):
         selection = self._workspace.selection
         if selection is None or not selection.is_placed:
             return
+        if self._shown != selection:
+            self.form.finish()  # the text being typed is for the previous object
         placed, selection = self._link.placed, self._existing_selection()
+        self._shown = selection
         self.form.setVisible(selection is not None)
         for button in (self.lock, self.reset, self.delete):
             button.setEnabled(selection is not None)
         if selection is None:
             self._head.show_text("Gone", "The selection no longer exists.")
-            self._note.hide()
+            for label in (self._text, self._note):
+                label.hide()
             return
-        self.form.show_selection(placed, selection)
-        title = commands.name_of(placed, selection).capitalize()
-        self._head.show_text(title, self.form.line, (self.form.layer, self.form.label))
         sketch, is_feature = self._document.sketch, selection.kind == "feature"
+        shown = _describe(sketch, placed, selection)
+        self._head.show_text(commands.name_of(placed, selection).capitalize(), shown.line, shown.label)
+        self._show_values(shown, placed, selection)
+        self._text.setText(shown.note)
+        self._text.setVisible(bool(shown.note))
         locked = is_feature and commands.is_locked(sketch, selection)
         with QSignalBlocker(self.lock):
             self.lock.setChecked(locked)
@@ -268,6 +179,21 @@ class SelectionPage(QWidget):
         self.lock.setText("Unloc&k" if locked else "Loc&k")
         self.reset.setEnabled(commands.is_edited(sketch, placed, selection))
         self._note.setVisible(locked)
+
+    def _show_values(self, shown: _Shown, placed: Placement, selection: Selection) -> None:
+        (east, north), river = self._document.sketch.size, commands.find_river(placed, selection)
+        count, longer = 1 if river is None else len(river.points), max(east, north)
+        changes: dict[str, dict[str, Any]] = {
+            "radius": {"soft_range": (longer / 1000, longer)},
+            "point": {"high": count, "soft_range": (1, count), "unit": f"of {count}"},
+            **{name: {"soft_range": (0.0, end)} for name, end in (("x", east), ("y", north))},
+        }
+        declared = [replace(_PARAMETERS[name], **changes.get(name, {})) for name in shown.values]
+        self.form.declare(declared, titles=_TITLES, has_reset=False, decimals=2)
+        is_moved = self._moved and self._moved[0] is placed and self._moved[1] == selection
+        self.form.show_values({**shown.values, **(self._moved[2] if self._moved and is_moved else {})})
+        for name in _PLACE if shown.values else ():
+            self.form.rows[name].setEnabled(not shown.is_fixed)
 
     def _existing_selection(self) -> Selection | None:
         """Return the selection if it exists, without a control point that the river has no longer."""
@@ -277,6 +203,31 @@ class SelectionPage(QWidget):
         river = commands.find_river(placed, selection)
         is_gone = river is not None and selection.index is not None and selection.index >= len(river.points)
         return replace(selection, index=None) if is_gone else selection
+
+    def _set(self, name: str, value: float, key: object) -> None:
+        placed, selection, sketch = self._link.placed, self._shown, self._document.sketch
+        if selection is None:
+            return
+        if name == "point":
+            self._workspace.selection = replace(selection, index=int(value) - 1 if value else None)
+            return
+        kind = commands.name_of(placed, selection)
+        place = {each: self.form.rows[each].number for each in _PLACE} | {name: value}
+        if name == "width":
+            changed, title = commands.widened(sketch, selection, value), f"Set the width of {kind}"
+        elif selection.kind == "course":
+            self._moved = placed, selection, place
+            changed = commands.point_moved(sketch, placed, selection, place["x"], place["y"])
+            title = f"Move a point of {kind}"
+        elif name in _PLACE:
+            changed, title = commands.with_values(sketch, placed, selection, "move", **place), f"Move {kind}"
+        elif name == "radius":
+            changed = commands.with_values(sketch, placed, selection, "resize", radius=value)
+            title = f"Resize {kind}"
+        else:
+            changed = commands.with_values(sketch, placed, selection, "strength", strength=value)
+            title = f"Set {name} of {kind}"
+        self._document.do(title, changed, merge=key)
 
     def _apply(
         self, command: Callable[[Document, Workspace, Placement, Selection], None], _: object = None

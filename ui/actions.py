@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from PyQt6.QtCore import QEvent, QObject, QSize, Qt
-from PyQt6.QtGui import QAction, QActionGroup, QGuiApplication, QKeyEvent, QKeySequence
+from PyQt6.QtGui import QAction, QActionGroup, QClipboard, QGuiApplication, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
@@ -310,17 +310,20 @@ def _add_placed_commands(
         action.setEnabled(verb != "reset" or is_edited(sketch, placed, selection))
 
 
+def clipboard() -> QClipboard:
+    """Return the system's clipboard."""
+    return cast(QClipboard, QGuiApplication.clipboard())
+
+
 def copy_feature(document: Document, workspace: Workspace) -> None:
     """Copy the selected feature to the clipboard."""
-    clipboard, text = QGuiApplication.clipboard(), selected_text(document, workspace)
-    if clipboard is not None and text:
-        clipboard.setText(text)
+    if text := selected_text(document, workspace):
+        clipboard().setText(text)
 
 
 def paste_features(document: Document, workspace: Workspace) -> None:
     """Paste the features of the clipboard; raise InputError if it has none."""
-    clipboard = QGuiApplication.clipboard()
-    paste(document, workspace, "" if clipboard is None else clipboard.text())
+    paste(document, workspace, clipboard().text())
 
 
 CLIPBOARD_COMMANDS = {"copy": copy_feature, "paste": paste_features}

@@ -304,6 +304,7 @@ class MainWindow(QMainWindow):
                 "new-label": self._layers.new_label,
                 "delete-label": self._layers.delete_label,
                 "clear-layer": self._layers.clear_layer,
+                **{f"layer-{name}": partial(self._layers.use_layer, name) for name in LAYERS},
                 "look-all": self.view.see_all,
                 "look-best": self.view.see_best,
                 "look-selection": self.view.see_selection,

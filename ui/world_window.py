@@ -12,7 +12,6 @@ from PyQt6.QtGui import QCloseEvent, QResizeEvent
 from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import CLIPBOARD_COMMANDS, Actions, add_menus
 from sketchterrain.ui.banner import Banner, Message, PictureFile, ask_picture_path
@@ -72,7 +71,6 @@ class SketchActions(QObject):
         super().__init__(actions)
         self._actions, self._banner = actions, banner
         self._document, self._workspace, self._link = document, workspace, link
-        self._hidden: tuple[str, ...] = ()  # layers hidden by "only this layer"
         actions.bind(
             {
                 "undo": document.undo,
@@ -88,7 +86,6 @@ class SketchActions(QObject):
                 "brush-larger": partial(self._scale_brush, _BRUSH_STEP),
                 "random-seed": self.set_random_seed,
                 **{f"tool-{name}": partial(setattr, workspace, "tool", name) for name in TOOLS},
-                **{f"layer-{name}": partial(self._use_layer, name) for name in LAYERS},
             }
         )
         actions.bind_checked(
@@ -96,7 +93,7 @@ class SketchActions(QObject):
                 "lock-selection": lambda on: self._apply(lock if on else unlock),
                 "show-layer": lambda on: workspace.set_look(workspace.layer, visible=on),
                 "lock-layer": lambda on: workspace.set_look(workspace.layer, locked=on),
-                "only-layer": self._show_only,
+                "only-layer": lambda _: workspace.show_only(workspace.layer),
             }
         )
         for signal in (
@@ -121,8 +118,7 @@ class SketchActions(QObject):
         look = workspace.look(workspace.layer)
         actions["show-layer"].setChecked(look.visible)
         actions["lock-layer"].setChecked(look.locked)
-        others_visible = any(workspace.look(each).visible for each in self._other_layers())
-        actions["only-layer"].setChecked(look.visible and not others_visible)
+        actions["only-layer"].setChecked(workspace.is_alone(workspace.layer))
         self._refresh_selection()
 
     def set_random_seed(self) -> None:
@@ -166,23 +162,6 @@ class SketchActions(QObject):
 
     def _scale_brush(self, factor: float) -> None:
         self._workspace.brush *= factor
-
-    def _use_layer(self, layer: str) -> None:
-        if layer != self._workspace.layer:
-            labels = commands.labels_of(self._document.sketch, layer)
-            self._workspace.use_label(layer, labels[0] if labels else 1)
-
-    def _other_layers(self) -> list[str]:
-        return [name for name in LAYERS if name != self._workspace.layer]
-
-    def _show_only(self, on: bool) -> None:
-        others = self._other_layers()
-        if on:
-            self._hidden = tuple(name for name in others if self._workspace.look(name).visible)
-            self._workspace.set_look(self._workspace.layer, visible=True)
-        for name in others if on else self._hidden or others:
-            self._workspace.set_look(name, visible=not on)
-        self.refresh()
 
 
 _BOOKMARKS: Final = tuple(f"bookmark-{number}" for number in range(1, 10))

@@ -153,7 +153,7 @@ def test_opacity_and_menu_apply_to_the_active_layer(layers, workspace):
     layers.opacity.setValue(500)
     assert (workspace.look("hill").opacity, workspace.look("mountain").opacity) == (0.5, 0.75)
     for visible in (["river"], list(LAYERS)):
-        layers.show_only("river")
+        workspace.show_only("river")
         assert [name for name in LAYERS if workspace.look(name).visible] == visible
     menu = layers.menu()
     next(each for each in menu.actions() if "Hide" in each.text()).trigger()

@@ -50,7 +50,7 @@ class Canvas(QWidget):
         workspace.look_changed.connect(self._redraw)
         link.placed_changed.connect(self._redraw)
         link.frame_shown.connect(self._on_frame)
-        self._context.signals.stale.connect(self._redraw)
+        self._context.redraw = self._redraw
         self._sketch_view.stale.connect(self._on_stale)
 
     def sizeHint(self) -> QSize:

@@ -294,7 +294,7 @@ class CanvasInput(QObject):
     def _on_brush(self) -> None:
         self.update_brush_ring()
         if self._name == "line":
-            self._context.signals.redraw()
+            self._context.redraw()
 
     def _report_place(self) -> None:
         """Emit the position and height under the mouse."""

@@ -154,7 +154,7 @@ class BrushTool(Tool):
                 area = area.united(
                     QRectF(corner.x(), corner.y() - _TEXT.height(), _TEXT.width(), _TEXT.height())
                 )
-        self.context.signals.redraw(area)
+        self.context.redraw(area)
 
     def _brush_radius(self, pointer: Pointer) -> float:
         share = _LEAST_PRESSURE + (1.0 - _LEAST_PRESSURE) * pointer.pressure
@@ -329,7 +329,7 @@ class LineTool(Tool):
             self._points.append(at)
         self._pressed, self._place = at, at
         self._first = len(self._points) - 1
-        self.context.signals.redraw()
+        self.context.redraw()
         if self._kind == POINT:
             self.finish()
 
@@ -342,7 +342,7 @@ class LineTool(Tool):
             distance = math.dist(at, self._points[-1]) * self.context.scale
             if self._freehand and distance > _NODE_DISTANCE:
                 self._points.append(at)
-        self.context.signals.redraw()
+        self.context.redraw()
 
     def release(self, pointer: Pointer) -> None:
         self._pressed = None
@@ -368,7 +368,7 @@ class LineTool(Tool):
             self.cancel()
         else:
             self._points.pop()
-        self.context.signals.redraw()
+        self.context.redraw()
 
     def finish(self) -> None:
         """Add or paint the line as a history step."""
@@ -408,11 +408,11 @@ class LineTool(Tool):
     def cancel(self) -> None:
         self._points = []
         self._pressed, self._freehand = None, False
-        self.context.signals.redraw()
+        self.context.redraw()
 
     def leave(self) -> None:
         self._place = None
-        self.context.signals.redraw()
+        self.context.redraw()
 
     def _height(self) -> ShapeHeight | None:
         """Return the height of the line as a shape of its own."""

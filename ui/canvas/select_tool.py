@@ -66,7 +66,7 @@ class SelectTool(Tool):
             handle = next(iter(handles_of(self.context.link.placed, selection)), None)
             handle = handle if handle is not None and handle.role == "move" else None
         self._pressed = at, handle
-        self.context.signals.redraw()
+        self.context.redraw()
 
     def move(self, pointer: Pointer) -> None:
         """Drag, or highlight what a click would select."""
@@ -78,7 +78,7 @@ class SelectTool(Tool):
         if self._drag is not None:
             self._drag.to(*at)
             self._report(self._drag.problem)
-            self.context.signals.redraw()
+            self.context.redraw()
         elif self._pressed is None:
             self._hover(None if self._handle_at(at) else next(iter(self._selections_at(at)), None))
 
@@ -108,14 +108,14 @@ class SelectTool(Tool):
         if drag is not None:
             drag.finish()
             self._report(drag.problem)
-            self.context.signals.redraw()
+            self.context.redraw()
 
     def cancel(self) -> None:
         drag, self._drag = self._drag, None
         self._last_drag = self._pressed = None
         if drag is not None:
             drag.cancel()
-            self.context.signals.redraw()
+            self.context.redraw()
 
     def leave(self) -> None:
         self._hover(None)
@@ -219,12 +219,12 @@ class SelectTool(Tool):
         self._drag = FeatureDrag(context.document, placed, handle, grab=at, reach=reach)
         self._last_drag = placed, self._drag
         self._hovered = None
-        context.signals.redraw()
+        context.redraw()
 
     def _hover(self, hovered: Selection | None) -> None:
         if hovered != self._hovered:
             self._hovered = hovered
-            self.context.signals.redraw()
+            self.context.redraw()
 
     def _report(self, problem: str) -> None:
         if problem:

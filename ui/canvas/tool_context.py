@@ -1,12 +1,13 @@
-"""Canvas tools: their interface, and what they share: viewport, coordinate transforms, models, signals."""
+"""Canvas tools: their interface, and what they share: viewport, coordinate transforms, models."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, overload
 
-from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, pyqtSignal
+from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QPainter
 
 from sketchterrain.array_types import Float64Array
@@ -97,25 +98,16 @@ class Pointer:
     picks: bool = False  # Alt
 
 
-class ToolSignals(QObject):
-    """Signals of the tools to the canvas."""
-
-    stale = pyqtSignal(object)  # rectangle (logical px) to redraw; None: everything
-
-    def redraw(self, area: QRectF | None = None) -> None:
-        self.stale.emit(area)
-
-
 @dataclass(eq=False)
 class ToolContext:
-    """Models, viewport and signals; transforms between screen (logical px), sketch (px) and world (m)."""
+    """Models and viewport; transforms between screen (logical px), sketch (px) and world (m)."""
 
     document: Document
     workspace: Workspace
     link: EngineLink
     viewport: Viewport = field(default_factory=lambda: Viewport(1, 1, 1, 1))
     ratio: float = 1.0  # device pixels a logical one
-    signals: ToolSignals = field(default_factory=ToolSignals)
+    redraw: Callable[..., None] = lambda area=None: None  # a rectangle (logical px), or everything
 
     @property
     def scale(self) -> float:

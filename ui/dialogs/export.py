@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from PyQt6.QtCore import Qt, QTimer
-from PyQt6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QShortcut
+from PyQt6.QtGui import QCloseEvent, QKeySequence, QShortcut
 from PyQt6.QtWidgets import (
     QAbstractItemView,
     QComboBox,
@@ -23,6 +23,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.export.target import setting_rows
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.jobs.estimates import time_left
+from sketchterrain.ui.actions import clipboard
 from sketchterrain.ui.dialogs.export_options import EverythingForm, TargetForm
 from sketchterrain.ui.dialogs.form import JobDialog, JobProgress, show_note, titled
 from sketchterrain.ui.look.theme import MARGIN, column, described, row
@@ -59,7 +60,7 @@ class ExportOutcome(JobProgress):
 
     def __init__(self) -> None:
         super().__init__("Exporting", "Progress of the export")
-        self._stages = _STAGES
+        self._stages, self._rows = _STAGES, list[tuple[str, str]]()
         self._stage, self._start = "Starting", 0.0
         self._stage_start = 0  # value of the bar when the stage began
         self._clock = QTimer(self)
@@ -68,14 +69,14 @@ class ExportOutcome(JobProgress):
         self.table, copy = _table(), QPushButton("&Copy")
         copy.setToolTip("Copy all of it as text")
         copy.setAutoDefault(False)
-        copy.clicked.connect(lambda: self._copy_rows(range(self.table.rowCount())))
+        copy.clicked.connect(lambda: self._copy(all_rows=True))
         title = QLabel("&To type in where the files are imported")
         title.setBuddy(self.table)
         self._settings = QWidget()
         column(self._settings, row(None, (title, 1), copy, spacing=-1), (self.table, 1), spacing=-1)
         self._settings.hide()
         keys, context = QKeySequence.StandardKey.Copy, Qt.ShortcutContext.WidgetShortcut
-        QShortcut(keys, self.table, self._copy_selection, context=context)
+        QShortcut(keys, self.table, lambda: self._copy(all_rows=False), context=context)
         self._column.addWidget(self._settings, 1)
         self._column.addStretch(0)
 
@@ -132,29 +133,21 @@ class ExportOutcome(JobProgress):
         self.notes.setText(f"{seconds:.0f} s{left and ', '}{left}")
 
     def _show_settings(self, settings: dict[str, Any]) -> None:
-        rows = setting_rows(settings)
-        self.table.setRowCount(len(rows))
-        for index, (depth, name, value) in enumerate(rows):
-            for cell, text in enumerate((_INDENT * depth + name, value)):
+        self._rows = [(_INDENT * depth + name, value) for depth, name, value in setting_rows(settings)]
+        self.table.setRowCount(len(self._rows))
+        for index, texts in enumerate(self._rows):
+            for cell, text in enumerate(texts):
                 self.table.setItem(index, cell, QTableWidgetItem(text))
-            if not value:
+            if not texts[1]:
                 self.table.setSpan(index, 0, 1, 2)
-        self._settings.setVisible(bool(rows))
+        self._settings.setVisible(bool(self._rows))
 
-    def _copy_selection(self) -> None:
-        """Copy one selected row's value, or several rows with their names."""
-        rows = sorted({index.row() for index in self.table.selectedIndexes()})
-        if len(rows) == 1:
-            _to_clipboard(self._text(rows[0], 1))
-        else:
-            self._copy_rows(rows)
-
-    def _copy_rows(self, rows: range | list[int]) -> None:
-        _to_clipboard("\n".join(f"{self._text(each, 0)}\t{self._text(each, 1)}" for each in rows))
-
-    def _text(self, row: int, column: int) -> str:
-        item = self.table.item(row, column)
-        return "" if item is None else item.text()
+    def _copy(self, *, all_rows: bool) -> None:
+        """Copy all rows with their names, or the selected ones, of one only the value."""
+        chosen = sorted({index.row() for index in self.table.selectedIndexes()})
+        rows = self._rows if all_rows else [self._rows[each] for each in chosen]
+        is_value = len(rows) == 1 and not all_rows
+        clipboard().setText(rows[0][1] if is_value else "\n".join(map("\t".join, rows)))
 
 
 def _table() -> QTableWidget:
@@ -173,12 +166,6 @@ def _table() -> QTableWidget:
         down.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         down.hide()
     return table
-
-
-def _to_clipboard(text: str) -> None:
-    clipboard = QGuiApplication.clipboard()
-    if clipboard is not None:
-        clipboard.setText(text)
 
 
 class ExportDialog(JobDialog):

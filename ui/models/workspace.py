@@ -405,6 +405,7 @@ class Workspace(QObject):
         self._brushes: dict[str, float] = {}  # radii that were chosen, by layer
         self._longer_side = DEFAULT_SIDE
         self._looks = {name: LayerLook() for name in LAYERS}
+        self._hidden: tuple[str, ...] = ()  # layers that `show_only` hid
         self._selection: Selection | None = None
         self.drape_kind = "line"  # point, line or area, which the line tool draws in a chosen draped layer
         # Visible, changed by `show_overlay` only.
@@ -473,6 +474,19 @@ class Workspace(QObject):
     def toggle_look(self, layer: str, field: str) -> None:
         """Toggle whether a layer is ``visible`` or ``locked``."""
         self.set_look(layer, **{field: not getattr(self.look(layer), field)})
+
+    def is_alone(self, layer: str) -> bool:
+        """Return whether a layer is visible and no other is."""
+        return all(self.look(name).visible == (name == layer) for name in LAYERS)
+
+    def show_only(self, layer: str) -> None:
+        """Show one layer and hide the others; if they are hidden, show those that this hid, else all."""
+        is_alone, others = self.is_alone(layer), [name for name in LAYERS if name != layer]
+        if not is_alone:
+            self._hidden = tuple(name for name in others if self.look(name).visible)
+        for name in self._hidden or others if is_alone else others:
+            self.set_look(name, visible=is_alone)
+        self.set_look(layer, visible=True)
 
     def refusal(self, layer: str) -> str:
         """Return why a layer cannot be edited; empty if it can."""

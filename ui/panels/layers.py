@@ -158,12 +158,6 @@ class LayersPanel(Panel):
         last = self._last_label[layer]
         self._workspace.use_label(layer, last if last in labels else labels[0])
 
-    def show_only(self, layer: str) -> None:
-        """Show one layer and hide the others, or show all if the others are hidden."""
-        is_alone = all(self._workspace.look(name).visible == (name == layer) for name in LAYERS)
-        for name in LAYERS:
-            self._workspace.set_look(name, visible=is_alone or name == layer)
-
     def menu(self) -> ContextMenu:
         layer = self._workspace.layer
         look = self._workspace.look(layer)
@@ -181,7 +175,7 @@ class LayersPanel(Panel):
         lock = ("unlock", "Un&lock") if look.locked else ("lock", "Loc&k")
         toggle = partial(self._workspace.toggle_look, layer)
         menu.add_command(eye[0], f"{eye[1]} {title}", partial(toggle, "visible"))
-        menu.add_command("eye", f"Show &only {title}, or all", partial(self.show_only, layer))
+        menu.add_command("eye", f"Show &only {title}, or all", partial(self._workspace.show_only, layer))
         menu.add_command(lock[0], f"{lock[1]} {title}", partial(toggle, "locked"))
         return menu
 

@@ -63,6 +63,7 @@ class ModeBar(QFrame):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
+        self.setObjectName("plate")
         self._row = row(self, margins=3, spacing=1)
         self._modes = QButtonGroup(self)
         for number, mode in enumerate(MODES):
@@ -83,13 +84,6 @@ class ModeBar(QFrame):
         button = self._modes.button(MODES.index(mode))
         if button is not None:
             button.setChecked(True)
-
-    def paintEvent(self, event: QPaintEvent | None) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(_PLATE)
-        painter.drawRoundedRect(QRectF(self.rect()), 7.0, 7.0)
 
     def _button(self, name: str, tip: str, what: str) -> _Button:
         button = _Button(self, name)
@@ -135,6 +129,7 @@ class Placeholder(QFrame):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
+        self.setObjectName("card")
         self.notice: Notice | None = None  # what is shown
         self._seconds = 0
         self._symbol = Symbol(32)
@@ -191,14 +186,6 @@ class Placeholder(QFrame):
         self.resize(self.width(), min(max(height, 60), max(parent.height() - 2 * MARGIN, 60)))
         self.move((parent.width() - self.width()) // 2, (parent.height() - self.height()) // 2)
 
-    def paintEvent(self, event: QPaintEvent | None) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        colours = theme()
-        painter.setPen(colours.line)
-        painter.setBrush(colours.window)
-        painter.drawRoundedRect(QRectF(self.rect()).adjusted(0.5, 0.5, -0.5, -0.5), 8.0, 8.0)
-
     def _tick(self) -> None:
         self._seconds += 1
         self._show_line()
@@ -208,7 +195,6 @@ class Placeholder(QFrame):
         colour = {"error": colours.error, "warning": colours.warning}.get(icon, colours.text)
         self._symbol.show_icon(icon, colour)
         self._symbol.setVisible(bool(icon))
-        self.update()
 
     def _show_line(self) -> None:
         if self.notice is None:

@@ -110,7 +110,7 @@ class EngineProbe:
         self._wait(lambda: self.frames[-1][1].converged)
         return self.frames[-1][0] - self._requested
 
-    def look(self, pose: msg.Pose) -> float:
+    def look(self, pose: Camera) -> float:
         """Jump to a camera; return the seconds until the first frame that shows it."""
         return self._first_frame(lambda: self._link.send(msg.Look(pose)))
 

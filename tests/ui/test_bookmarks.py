@@ -9,12 +9,13 @@ from PyQt6.QtGui import QColor, QImage
 from PyQt6.QtWidgets import QListWidget, QToolButton
 
 from sketchterrain.document.store import load_sketch
-from sketchterrain.ui.engine.protocol import FrameFacts, Look, Pose
+from sketchterrain.render.camera import Camera
+from sketchterrain.ui.engine.protocol import FrameFacts, Look
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Bookmark, Bookmarks
 from sketchterrain.ui.panels.lists import BookmarksPanel
 
-HERE, THERE = Pose((0.0, 1.0, 2.0), (3.0, 4.0, 5.0), 50.0), Pose((9.0, 8.0, 7.0), (3.0, 4.0, 5.0), 40.0)
+HERE, THERE = Camera((0.0, 1.0, 2.0), (3.0, 4.0, 5.0), 50.0), Camera((9.0, 8.0, 7.0), (3.0, 4.0, 5.0), 40.0)
 
 
 @pytest.fixture
@@ -85,10 +86,10 @@ def panel(show_widget, document, folder, link):
     return show_widget(BookmarksPanel(link, Bookmarks(document, folder)))
 
 
-def picture(link, pose: Pose = HERE):
+def picture(link, pose: Camera = HERE):
     link.picture = QImage(320, 240, QImage.Format.Format_RGB32)
     link.picture.fill(QColor(200, 60, 20))
-    link.frame = FrameFacts(320, 240, 1, pose, (0.0,) * 16, 0.1, 0.0, 1, 1, True, 1)
+    link.frame = FrameFacts(320, 240, 1, pose, 0.1, 0.0, 1, 1, True, 1)
     link.frame_shown.emit(link.frame)
 
 

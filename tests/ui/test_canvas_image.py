@@ -9,6 +9,7 @@ from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QImage
 
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.render.camera import Camera
 from sketchterrain.schema.layers import DRAW_ORDER, PAINTED_LAYERS
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.compositing import (
@@ -19,7 +20,7 @@ from sketchterrain.ui.canvas.compositing import (
     level_for,
 )
 from sketchterrain.ui.canvas.tool_context import LARGEST, Viewport
-from sketchterrain.ui.engine.protocol import Agreement, FrameFacts, Placement, Pose, Relief
+from sketchterrain.ui.engine.protocol import Agreement, FrameFacts, Placement, Relief
 from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period, label_colour
 from sketchterrain.ui.models.document import Document
 
@@ -328,8 +329,8 @@ def test_each_overlay_is_drawn_and_removed(canvas, link, placed, workspace):
     hide(workspace)
     resolutions = (("a river crosses", 320.0, 320.0),)
     link.placed = Placement(1, placed.points, placed.rivers, placed.lakes, resolutions)
-    pose = Pose((100.0, 100.0, 50.0), (300.0, 300.0, 0.0))
-    link.frame = FrameFacts(9, 9, 1, pose, (0.0,) * 16, 0.1, 0.1, 1, 1, True, 1)
+    pose = Camera((100.0, 100.0, 50.0), (300.0, 300.0, 0.0))
+    link.frame = FrameFacts(9, 9, 1, pose, 0.1, 0.1, 1, 1, True, 1)
     for name in ("features", "contradictions", "eye"):
         before = pixels(canvas)
         workspace.show_overlay(name, True)

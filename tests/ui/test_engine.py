@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
@@ -119,7 +120,7 @@ def test_strokes_are_placed_drawn_picked_and_undone(running):
     wait(lambda: len(listener.picked) == 3)
     assert [each.token for each in listener.picked] == tokens
     frame = link.frame
-    to_clip = np.array(frame.to_clip).reshape(4, 4)
+    to_clip = frame.pose.to_clip(frame.width / frame.height)
     for answer, (x, y) in zip(listener.picked[:2], ((0.5, 0.5), (0.3, 0.7)), strict=True):
         clip = to_clip @ [*np.subtract(answer.place, frame.pose.eye), 1.0]
         at = 0.5 + 0.5 * clip[0] / clip[3], 0.5 - 0.5 * clip[1] / clip[3]
@@ -130,7 +131,7 @@ def look(link, *, elevation=0.7):
     """Look from the south at an elevation (tangent), and wait for the converged picture."""
     target = np.array([2000.0, 2000.0, 300.0])
     eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
-    link.send(msg.Look(msg.Pose(tuple(eye.tolist()), tuple(target.tolist()))))
+    link.send(msg.Look(Camera(tuple(eye.tolist()), tuple(target.tolist()), 50.0)))
     wait(lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.converged)
 
 

@@ -362,7 +362,6 @@ def test_frames_at_rest_follow_a_slow_first_frame_before_the_still_is_drawn(monk
     pacer.set_view(ViewState(width=8, height=8))
     pacer.set_terrain(Mock(), 1, [], Mock())
     controller = Mock(advance=Mock(return_value=False))
-    controller.camera().to_clip.return_value = np.eye(4)
     while "still" not in drawn:
         clock[0] += pacer.due(moving=False) or 0.01
         pacer.draw(controller)

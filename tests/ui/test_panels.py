@@ -12,6 +12,7 @@ from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.document.store import load_sketch
+from sketchterrain.render.camera import Camera
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.commands import WORLD, set_setting
 from sketchterrain.ui.engine import protocol as msg
@@ -299,9 +300,9 @@ def test_status_labels_keep_their_positions(qtbot, line, link, placed):
         line.layout().activate()
         return [each.geometry() for each in (line.place, line.paint, line.frame, line.memory, line.device)]
 
-    before, pose = places(), msg.Pose((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    before, pose = places(), Camera((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
     link.placed = dataclasses.replace(placed, seconds=0.12)
-    link.frame = msg.FrameFacts(800, 600, 1, pose, (0.0,) * 16, 0.08, 0.021, 120, 400_000, True, 500_000_000)
+    link.frame = msg.FrameFacts(800, 600, 1, pose, 0.08, 0.021, 120, 400_000, True, 500_000_000)
     link.frame_shown.emit(link.frame)
     link.activity = "Measuring how far the terrain does what the sketch says"
     link.activity_changed.emit(link.activity)

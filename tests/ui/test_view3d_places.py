@@ -5,10 +5,9 @@ import pytest
 
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.render.camera import Camera
-from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Pose, Relief
+from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Relief
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle, overview, scale_bar
-from sketchterrain.ui.view3d.hud import heading_of
 from sketchterrain.ui.view3d.marks import MarkBuilder
 
 PLACE = (10.0, 20.0, 640.0, 480.0)
@@ -17,8 +16,7 @@ EYE, TARGET = (1000.0, -500.0, 800.0), (1200.0, 900.0, 100.0)
 
 def projection_of(eye=EYE, target=TARGET, *, fov: float = 50.0) -> Projection:
     camera = Camera(eye, target, fov=fov, near=1.0, far=1e5)
-    clip = tuple(camera.to_clip(PLACE[2] / PLACE[3]).ravel())
-    return Projection(FrameFacts(640, 480, 1, Pose(eye, target, fov), clip, 0.1, 0.0, 1, 1, True, 1), PLACE)
+    return Projection(FrameFacts(640, 480, 1, camera, 0.1, 0.0, 1, 1, True, 1), PLACE)
 
 
 def terrain_of(heights: np.ndarray, spacing: float = 50.0) -> TerrainHeights:
@@ -152,12 +150,12 @@ def test_river_handles_keep_their_distance(placed):
 
 def test_the_scale_bar_and_headings():
     projection = projection_of()
-    length, wide = scale_bar(projection, Pose(EYE, TARGET), most=110.0)
+    length, wide = scale_bar(projection, Camera(EYE, TARGET), most=110.0)
     assert wide <= 110.0
     assert length / wide == pytest.approx(projection.metres_per_px(TARGET))
 
     for heading, target in ((0.0, (0, 1, 0)), (90.0, (1, 0, 0)), (180.0, (0, -1, 5)), (270.0, (-1, 0, 0))):
-        assert heading_of((0.0, 0.0, 0.0), target) == pytest.approx(heading)
+        assert Camera((0.0, 0.0, 0.0), target).heading == pytest.approx(heading)
 
 
 def test_overview_fits_all_corners():

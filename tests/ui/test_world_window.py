@@ -14,7 +14,7 @@ from sketchterrain.generation.building import make_recipe
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui import world_window as worlds
 from sketchterrain.ui.engine import protocol
-from sketchterrain.ui.engine.protocol import ErrorReport, Fly, Look, PickResult, Pose
+from sketchterrain.ui.engine.protocol import ErrorReport, Fly, Look, PickResult
 from sketchterrain.ui.world_window import WorldLink
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
@@ -54,9 +54,8 @@ def window(qtbot, tmp_path, monkeypatch):
     link.world_known.emit(WORLD)
     link.picture = QImage(320, 200, QImage.Format.Format_RGB32)
     link.picture.fill(0xFF336699)
-    pose = Pose((10.0, -20.0, 300.0), (10.0, 80.0, 280.0))
-    to_clip = tuple(Camera(pose.eye, pose.target).to_clip(1.6).ravel().tolist())
-    link.frame = protocol.FrameFacts(320, 200, 0, pose, to_clip, 0.02, 0.01, 9, 1000, True, 1 << 20)
+    pose = Camera((10.0, -20.0, 300.0), (10.0, 80.0, 280.0))
+    link.frame = protocol.FrameFacts(320, 200, 0, pose, 0.02, 0.01, 9, 1000, True, 1 << 20)
     link.frame_shown.emit(link.frame)
     link.requests.clear()
     return window
@@ -144,7 +143,7 @@ def test_the_process_renders_reports_errors_and_restarts(world, qapp):
         assert link.world.bounds == (0.0, -1024.0, 1024.0, 0.0)
         assert link.picture.size().width() == 160
         # Close to the corrupt block its finest level is read.
-        link.send(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
+        link.send(Look(Camera((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
         wait(lambda: any("height" in each.line for each in errors))
         wait(lambda: link.frame.converged)
         assert all(each.source == "world" for each in errors)

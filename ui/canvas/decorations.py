@@ -6,12 +6,13 @@ from functools import cache
 from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
+from sketchterrain.render.camera import Camera
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.marks import DARK, SELECTED, OverlayImage, draw_features
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import draw_vectors
-from sketchterrain.ui.engine.protocol import FrameFacts, Pose
+from sketchterrain.ui.engine.protocol import FrameFacts
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
 from sketchterrain.ui.models.features import visible_vectors
 
@@ -69,15 +70,13 @@ def draw_scale_bar(painter: QPainter, context: ToolContext, height: float) -> No
     painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in ends]))
 
 
-def draw_camera(painter: QPainter, context: ToolContext, pose: Pose) -> None:
+def draw_camera(painter: QPainter, context: ToolContext, pose: Camera) -> None:
     """Draw position and direction of the 3-D camera, clamped to the canvas."""
     at = _camera_place(context, pose)
-    east, north = pose.target[0] - pose.eye[0], pose.target[1] - pose.eye[1]
-    heading = math.degrees(math.atan2(north, east))
     opening = pose.fov * 1.2
     cone = QPainterPath(at)
     circle = QRectF(at.x() - _CONE, at.y() - _CONE, 2 * _CONE, 2 * _CONE)
-    cone.arcTo(circle, heading - 0.5 * opening, opening)
+    cone.arcTo(circle, 90.0 - pose.heading - 0.5 * opening, opening)
     cone.closeSubpath()
     fill = QColor(SELECTED)
     fill.setAlpha(70)
@@ -92,7 +91,7 @@ def draw_camera(painter: QPainter, context: ToolContext, pose: Pose) -> None:
     painter.drawEllipse(at, 4.5, 4.5)
 
 
-def _camera_place(context: ToolContext, pose: Pose) -> QPointF:
+def _camera_place(context: ToolContext, pose: Camera) -> QPointF:
     at = context.screen_from_world(pose.eye[0], pose.eye[1])
     x = min(max(at.x(), _EDGE), max(context.area.width() - _EDGE, _EDGE))
     return QPointF(x, min(max(at.y(), _EDGE), max(context.area.height() - _EDGE, _EDGE)))
@@ -176,7 +175,7 @@ class Decorations:
         self._features, self._vectors = (
             OverlayImage(context, draw) for draw in (draw_features, draw_vectors)
         )
-        self._pose: Pose | None = None
+        self._pose: Camera | None = None
 
     def reset(self) -> None:
         """Forget the drawn camera: the whole canvas is redrawn."""

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from sketchterrain.render.camera import Camera, Vector
 from sketchterrain.render.navigation import LocalHeights, OrbitController, WalkController, intersect_terrain
 from sketchterrain.render.scene import BoundedTerrain, TerrainSource, surface_heights, visible_rectangle
-from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Turn, Zoom
 
 _FOV: Final = 50.0  # degrees, vertical
 _RANGE: Final = 8.0  # of rays, in extents
@@ -105,10 +105,6 @@ class CameraController:
         if self._camera is None:
             self._camera = self._current_camera()
         return self._camera
-
-    def pose(self) -> Pose:
-        camera = self.camera()
-        return Pose(camera.eye, camera.target, camera.fov)
 
     def pick(self, x: float, y: float, *, aspect: float) -> Vector | None:
         """Return the terrain position (m) at an image position (fractions from the upper left corner)."""

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.errors import DeviceError, DeviceFailedError, SketchterrainError, one_line
 from sketchterrain.io.system import lower_priority, resident_memory
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import find_view
 from sketchterrain.ui.engine import protocol as msg
@@ -242,7 +241,7 @@ class Engine:
         if self._pacer is not None:
             self._pacer.jump()
         if look.pose is not None:
-            self._camera.set_camera(Camera(look.pose.eye, look.pose.target, fov=look.pose.fov))
+            self._camera.set_camera(look.pose)
             return
         self._report_activity("Looking for a view")
         self._camera.set_camera(find_view(terrain, weather=Weather.from_sketch(terrain.sketch)))
@@ -270,7 +269,7 @@ class Engine:
                 recipe=recipe,
                 path=request.path,
                 size=(request.width, request.height),
-                pose=self._camera.pose(),
+                pose=self._camera.camera(),
                 sun=(sun.azimuth, sun.elevation),
                 clock=pacer.clock,
                 overlays=tuple(self._view.overlays),

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.landforms.placement.feature_types import Lake, River
+    from sketchterrain.render.camera import Camera
     from sketchterrain.roads.road_types import Road
     from sketchterrain.schema.parameters import Properties
     from sketchterrain.terrain.recipe import TerrainRecipe
@@ -110,19 +111,10 @@ class Fly:
 
 
 @dataclass(frozen=True)
-class Pose:
-    """Camera position and target (m), vertical field of view (degrees)."""
-
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    fov: float = 50.0
-
-
-@dataclass(frozen=True)
 class Look:
     """Set the camera pose at once; None: the automatic view that `render` picks."""
 
-    pose: Pose | None = None
+    pose: Camera | None = None
 
 
 @dataclass(frozen=True)
@@ -246,8 +238,7 @@ class FrameFacts:
     width: int  # px
     height: int
     version: int  # of the sketch
-    pose: Pose
-    to_clip: tuple[float, ...]  # 4 × 4, row-major: metres relative to the eye → clip space
+    pose: Camera
     seconds: float  # whole frame
     generation_seconds: float  # tiles, part of `seconds`
     tiles: int
@@ -333,7 +324,7 @@ class PictureJob:
     recipe: TerrainRecipe
     path: str
     size: tuple[int, int]
-    pose: Pose
+    pose: Camera
     sun: tuple[float, float]
     clock: float
     overlays: tuple[str, ...] = ()

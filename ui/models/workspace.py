@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,10 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
 
 from sketchterrain.document.sketch import DEFAULT_SIDE
-from sketchterrain.errors import SketchterrainError
+from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.io.files import write_atomic
+from sketchterrain.render.camera import Camera
 from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
-from sketchterrain.ui.engine.protocol import MODES, Pose
+from sketchterrain.ui.engine.protocol import MODES
 
 if TYPE_CHECKING:
     from sketchterrain.ui.models.document import Document  # which holds it
@@ -203,7 +203,7 @@ class Bookmark:
     """A named camera pose, its mode (one of `MODES`) and a thumbnail (JPEG, may be empty)."""
 
     name: str
-    pose: Pose
+    pose: Camera
     mode: str = "orbit"
     picture: bytes = b""
 
@@ -276,7 +276,7 @@ class Bookmarks(QObject):
         try:
             table = json.loads(file.read_bytes()) if file is not None else {}
             return tuple(_bookmark(each) for each in table.get("bookmarks", []))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
             return ()
 
     def _write(self) -> None:
@@ -307,12 +307,10 @@ def _bookmark(table: dict[str, Any]) -> Bookmark:
     """Return the bookmark of a table; raise ValueError if it is invalid."""
     numbers = [float(each) for each in (*table["eye"], *table["target"], table["fov"])]
     x, y, z, to_x, to_y, to_z, fov = numbers
-    if not all(map(math.isfinite, numbers)) or (x, y, z) == (to_x, to_y, to_z) or not 1.0 <= fov <= 160.0:
-        raise ValueError(f"invalid pose: {numbers}")
     if table["mode"] not in MODES:
         raise ValueError(f"expected one of {', '.join(MODES)}, got {table['mode']!r}")
     picture = base64.b64decode(table["picture"], validate=True)
-    return Bookmark(str(table["name"]), Pose((x, y, z), (to_x, to_y, to_z), fov), table["mode"], picture)
+    return Bookmark(str(table["name"]), Camera((x, y, z), (to_x, to_y, to_z), fov), table["mode"], picture)
 
 
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")

@@ -12,9 +12,10 @@ from scipy.ndimage import map_coordinates
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.landforms.placement.feature_types import lake_centre
+from sketchterrain.render.camera import Camera
 from sketchterrain.ui.canvas.decorations import nice_length
 from sketchterrain.ui.commands import find_lake, find_point, find_river
-from sketchterrain.ui.engine.protocol import Fly, FrameFacts, GoTo, Pan, Placement, Pose, Relief, Turn, Zoom
+from sketchterrain.ui.engine.protocol import Fly, FrameFacts, GoTo, Pan, Placement, Relief, Turn, Zoom
 from sketchterrain.ui.models.workspace import Selection
 
 _NEAREST = 1e-3  # least clip-space w (m before the eye) of visible points
@@ -43,7 +44,7 @@ class Projection:
     def __init__(self, frame: FrameFacts, rectangle: tuple[float, float, float, float]) -> None:
         self.eye: Float64Array = np.array(frame.pose.eye, np.float64)
         self.rectangle = rectangle
-        self._clip: Float64Array = np.array(frame.to_clip, np.float64).reshape(4, 4)
+        self._clip: Float64Array = frame.pose.to_clip(frame.width / frame.height)
         self._inverse = np.asarray(np.linalg.inv(self._clip), np.float64)
 
     def project(self, points: npt.ArrayLike) -> ProjectedPoints:
@@ -152,7 +153,7 @@ def length_text(metres: float) -> str:
     return f"{kilometres:.1f} km" if abs(kilometres) < 99.95 else f"{kilometres:.0f} km"
 
 
-def eye_height_text(pose: Pose, terrain: TerrainHeights | None) -> str:
+def eye_height_text(pose: Camera, terrain: TerrainHeights | None) -> str:
     """Return the eye's elevation, and its height above the terrain where that is known."""
     x, y, z = pose.eye
     text = f"eye at {length_text(z)}"
@@ -161,7 +162,7 @@ def eye_height_text(pose: Pose, terrain: TerrainHeights | None) -> str:
     return f"{text} · {length_text(max(z - float(terrain.height(x, y)), 0.0))} above the ground"
 
 
-def scale_bar(projection: Projection, pose: Pose, *, most: float) -> tuple[float, float] | None:
+def scale_bar(projection: Projection, pose: Camera, *, most: float) -> tuple[float, float] | None:
     """Return a round length (m) and its width (px, at most `most`) at the centre; None if unknown."""
     per_px = projection.metres_per_px([pose.target])
     if per_px <= 0.0:
@@ -225,7 +226,7 @@ _ELEVATION = 26.0  # degrees: the horizon is just visible
 _FILLED = 0.94  # of the picture, by the sketch's corners
 
 
-def overview(bounds: tuple[float, float, float, float], height: float, *, aspect: float) -> Pose:
+def overview(bounds: tuple[float, float, float, float], height: float, *, aspect: float) -> Camera:
     """Return the pose that shows a rectangle (west, south, east, north; m) at a height from the south."""
     x, y = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
     east, north = x - bounds[0], y - bounds[1]
@@ -236,7 +237,8 @@ def overview(bounds: tuple[float, float, float, float], height: float, *, aspect
         max(east / (upright * aspect), abs(corner) * math.sin(rise) / upright) - corner * math.cos(rise)
         for corner in (-north, north)
     )
-    return Pose((x, y - distance * math.cos(rise), height + distance * math.sin(rise)), (x, y, height), _FOV)
+    eye = x, y - distance * math.cos(rise), height + distance * math.sin(rise)
+    return Camera(eye, (x, y, height), _FOV)
 
 
 def motion_to(

@@ -1,6 +1,5 @@
 """Controls over the 3-D view: mode bar, compass, and a placeholder for a missing picture."""
 
-import math
 import time
 from dataclasses import dataclass
 from typing import Final
@@ -213,11 +212,6 @@ _COMPASS_SIDE = 40
 _POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 
 
-def heading_of(eye: tuple[float, float, float], target: tuple[float, float, float]) -> float:
-    """Return the bearing (degrees, 0 … 360) from an eye to a target (m)."""
-    return math.degrees(math.atan2(target[0] - eye[0], target[1] - eye[1])) % 360.0
-
-
 class Compass(QAbstractButton):
     """Compass; a click faces north."""
 
@@ -323,7 +317,7 @@ class Hud(QObject):
 
     def _show_frame(self, frame: FrameFacts) -> None:
         self._error = None
-        self.compass.heading = heading_of(frame.pose.eye, frame.pose.target)
+        self.compass.heading = frame.pose.heading
         if frame.converged:
             self._unsettled = None
         elif self._unsettled is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QEvent, QObject, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QShowEvent
-from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QSlider, QTabWidget, QWidget
+from PyQt6.QtWidgets import QLabel, QMainWindow, QMenu, QSizePolicy, QTabWidget, QWidget
 
 from sketchterrain.document.drapes import drape_problem
 from sketchterrain.document.rasters import RasterSource
@@ -30,6 +29,7 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.elevation import SketchElevation, added_elevation, new_on_elevation
 from sketchterrain.ui.models.workspace import BRUSHES, Bookmarks, Preferences, RecentFiles, Workspace
 from sketchterrain.ui.panels.base import BasePanel
+from sketchterrain.ui.panels.controls import SLIDER_STEPS, Scale, slider
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import BookmarksPanel, ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
@@ -43,8 +43,7 @@ if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.elevation.base import BaseElevation
 
-_STEPS = 400
-_LOG_MIN, _LOG_MAX = (math.log(radius) for radius in BRUSHES)
+_RADII = Scale(*BRUSHES, "ratio")
 _SWATCH = 20
 _LABEL_TOOLS = ("brush", "line", "fill", "pick")
 _SIZE_TOOLS = ("brush", "eraser", "line")
@@ -60,12 +59,8 @@ class ToolOptions(QWidget):
         self._swatch, self._label, self._size_title = QLabel(), QLabel(), QLabel("Brush")
         self._swatch.setFixedSize(_SWATCH, _SWATCH)
         self._label.setMinimumWidth(self.fontMetrics().horizontalAdvance("Mountains 16 ") + SMALL)
-        self._slider = described(
-            QSlider(Qt.Orientation.Horizontal),
-            "Radius of the brush",
-            "Radius of the brush: [ and ] on the sketch",
-        )
-        self._slider.setRange(0, _STEPS)
+        tip = "Radius of the brush: [ and ] on the sketch"
+        self._slider = described(slider(), "Radius of the brush", tip)
         self._slider.setFixedWidth(140)
         self._size = QLabel()
         self._size.setFont(tabular(self.font()))
@@ -98,8 +93,7 @@ class ToolOptions(QWidget):
         radius = self._workspace.brush
         metres = radius * self._document.sketch.pixel_size
         with QSignalBlocker(self._slider):
-            fraction = (math.log(radius) - _LOG_MIN) / (_LOG_MAX - _LOG_MIN)
-            self._slider.setValue(round(fraction * _STEPS))
+            self._slider.setValue(round(_RADII.fraction(radius) * SLIDER_STEPS))
         pixels = f"{radius:.1f}" if radius < 10 else f"{radius:.0f}"
         self._size.setText(f"{pixels} px · {metres:,.0f} m".replace(",", "\u202f"))
 
@@ -110,7 +104,7 @@ class ToolOptions(QWidget):
                 widget.setEnabled(tool in tools)
 
     def _set_brush(self, step: int) -> None:
-        self._workspace.brush = math.exp(_LOG_MIN + step / _STEPS * (_LOG_MAX - _LOG_MIN))
+        self._workspace.brush = _RADII.value(step / SLIDER_STEPS)
 
 
 class ElevationFiles(QObject):

@@ -28,7 +28,7 @@ from sketchterrain.ui.models.features import (
 )
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.drapes import DrapeList, DrapePage
-from sketchterrain.ui.panels.feature_page import FeaturePage
+from sketchterrain.ui.panels.properties import FeaturePage
 from sketchterrain.ui.view3d.view import View3D
 
 from . import events

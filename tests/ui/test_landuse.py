@@ -12,8 +12,8 @@ from sketchterrain.schema.styles import rgb_from_hex
 from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.panels.layers import LayersPanel
+from sketchterrain.ui.panels.properties import FeaturePage
 from tests.document.random_documents import content_of
 
 from .test_vectors import SIDE, at, click, drag, draw, steps

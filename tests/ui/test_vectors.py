@@ -15,8 +15,8 @@ from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.selection import selections_at
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.panels.layers import LayersPanel, label_detail
+from sketchterrain.ui.panels.properties import FeaturePage
 
 from . import events
 

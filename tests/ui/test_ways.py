@@ -13,9 +13,9 @@ from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models import features
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Selection
-from sketchterrain.ui.panels.feature_page import FeaturePage
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import ContradictionsPanel
+from sketchterrain.ui.panels.properties import FeaturePage
 
 from .test_vectors import SIDE, at, click, drag, draw, line, places, steps
 

@@ -12,7 +12,6 @@ from PyQt6.QtCore import PYQT_VERSION_STR, QEvent, QObject, QProcess, QSize, Qt,
 from PyQt6.QtGui import QAction, QFont, QIcon, QKeyEvent, QKeySequence, QPixmap
 from PyQt6.QtWidgets import (
     QDialog,
-    QGridLayout,
     QHeaderView,
     QLabel,
     QLineEdit,
@@ -180,19 +179,15 @@ class FirstStepsDialog(QDialog):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(MARGIN)
-        grid.setVerticalSpacing(2)
-        grid.setColumnStretch(1, 1)
-        for number, (name, title, text) in enumerate(_STEPS):
+        steps = column(None, spacing=MARGIN)
+        for name, title, text in _STEPS:
             symbol = QLabel()
             symbol.setPixmap(icon(name).pixmap(28, 28))
-            grid.addWidget(symbol, 3 * number, 0, 2, 1)
-            grid.addWidget(heading(title, weight=QFont.Weight.Bold), 3 * number, 1)
-            grid.addWidget(note(text), 3 * number + 1, 1)
-            grid.setRowMinimumHeight(3 * number + 2, MARGIN)
+            symbol.setFixedWidth(28)
+            lines = column(None, heading(title, weight=QFont.Weight.Bold), note(text), spacing=2)
+            steps.addLayout(row(None, symbol, lines, spacing=MARGIN))
         buttons = button_row(self, "", cancel="Start")[0]
-        dialog_column(self, "First steps", headline("A terrain in a minute"), grid, 1, buttons)
+        dialog_column(self, "First steps", headline("A terrain in a minute"), steps, 1, buttons)
         fix_width(self, 500)
 
 

@@ -15,7 +15,6 @@ from PyQt6.QtWidgets import (
     QCheckBox,
     QDoubleSpinBox,
     QFrame,
-    QGridLayout,
     QLabel,
     QScrollArea,
     QSizePolicy,
@@ -29,7 +28,7 @@ from superqt import QCollapsible, QElidingLabel
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.parameters import Parameter, format_number
 from sketchterrain.ui.look.layer_colours import swatch
-from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, heading, tabular
+from sketchterrain.ui.look.theme import MARGIN, MARKS, SPACING, column, described, heading, row, tabular
 
 SLIDER_STEPS = 1000
 _LOG_RATIO = 100.0  # ratio of the ends from which on a scale is not linear
@@ -386,14 +385,8 @@ class PageHead(QWidget):
         super().__init__()
         self._picture, self._title, self._line = QLabel(), heading(), faint_label()
         self._picture.setFixedSize(_SWATCH, _SWATCH)
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(SPACING + 2)
-        grid.setVerticalSpacing(0)
-        grid.addWidget(self._picture, 0, 0, 2, 1, Qt.AlignmentFlag.AlignTop)
-        grid.addWidget(self._title, 0, 1)
-        grid.addWidget(self._line, 1, 1)
-        grid.setColumnStretch(1, 1)
+        line = row(self, self._picture, column(None, self._title, self._line, spacing=0), spacing=SPACING + 2)
+        line.setStretch(1, 1)
 
     def show_text(self, title: str, line: str, label: tuple[str, int] | None = None) -> None:
         picture = QPixmap() if label is None else swatch(*label, _SWATCH, self.devicePixelRatioF())

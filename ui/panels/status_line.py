@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from PyQt6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt
-from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
-from PyQt6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QWidget
+from PyQt6.QtCore import QSignalBlocker
+from PyQt6.QtWidgets import QLabel, QProgressBar, QPushButton, QSizePolicy, QWidget
 from superqt import QElidingLabel
 
 from sketchterrain.io.console import pluralize
@@ -18,7 +17,7 @@ from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS
 from sketchterrain.ui.engine.link import NOT_PLACED, EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.layer_colours import label_colour, swatch
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, heading, row, tabular
+from sketchterrain.ui.look.theme import MARGIN, SMALL, column, described, heading, row, tabular
 from sketchterrain.ui.models.background import single_shot
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
@@ -29,12 +28,10 @@ from sketchterrain.ui.panels.controls import (
     label_title,
     number,
     size_text,
-    small,
     status_label,
 )
 
 _SWATCH = 22
-_THICKNESS = 5.0
 _AT_SEA = 0.05  # m from its level at which a place is on its surface
 _DELAY = 600  # ms without a change until adherence is measured again
 
@@ -45,54 +42,27 @@ class AdherenceBar(QWidget):
     def __init__(self, layer: str) -> None:
         super().__init__()
         self._layer = layer
-        self._overlap: float | None = None
-        self._detail = ""
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        picture, self._percent, self._detail = QLabel(), QLabel(), faint_label()
+        picture.setPixmap(swatch(layer, 1, _SWATCH, self.devicePixelRatioF()))
+        self._percent.setFont(tabular(self.font()))
+        self._bar = QProgressBar()
+        self._bar.setTextVisible(False)
+        self._bar.setStyleSheet(f"QProgressBar::chunk {{ background: {label_colour(layer, 1).name()}; }}")
+        line = row(None, (QLabel(LAYERS[layer].title), 1), (self._bar, 2), self._percent)
+        row(self, picture, column(None, line, self._detail, spacing=0))
         self.show_figures(None)
 
     def show_figures(self, figures: Mapping[str, Any] | None) -> None:
         """Show a layer's summary of `sketchterrain.terrain.Adherence.as_dict`, None if unknown."""
-        self._overlap = None if figures is None else figures["iou_mean"]
-        self._detail = "" if figures is None else _detail(figures)
-        percent = "" if self._overlap is None else f", {round(100 * self._overlap)} % overlap"
-        self.setAccessibleName(f"{LAYERS[self._layer].title}{percent}. {self._detail}".strip())
+        overlap = None if figures is None else figures["iou_mean"]
+        self._detail.setText("" if figures is None else _detail(figures))
+        self._percent.setText("" if overlap is None else f"{round(100 * overlap)} %")
+        self._bar.setValue(round(100 * (overlap or 0.0)))
+        self._bar.setHidden(overlap is None)
+        percent = "" if overlap is None else f", {self._percent.text()} overlap"
+        self.setAccessibleName(f"{LAYERS[self._layer].title}{percent}. {self._detail.text()}".strip())
         self.setToolTip(f"{self.accessibleName()}\nOverlap: intersection over union of paint and terrain")
         self.setHidden(figures is None or not figures["shapes"])
-        self.update()
-
-    def sizeHint(self) -> QSize:
-        return QSize(220, 2 * self.fontMetrics().height() + 4)
-
-    def paintEvent(self, event: QPaintEvent | None) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        role = QPalette.ColorRole
-        painter.drawPixmap(QPointF(0, 2), swatch(self._layer, 1, _SWATCH, self.devicePixelRatioF()))
-        line = self.fontMetrics().height()
-        left = _SWATCH + SPACING + 2.0
-        painter.setPen(self.palette().color(role.WindowText))
-        painter.setFont(tabular(self.font()))
-        upper = QRectF(left, 0, self.width() - left, line)
-        painter.drawText(upper, Qt.AlignmentFlag.AlignVCenter, LAYERS[self._layer].title)
-        if self._overlap is not None:
-            right = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight
-            painter.drawText(upper, right, f"{round(100 * self._overlap)} %")
-            bar = QRectF(left + 96, line / 2 - _THICKNESS / 2, self.width() - left - 150, _THICKNESS)
-            if bar.width() >= 20:
-                painter.save()
-                painter.setPen(Qt.PenStyle.NoPen)
-                for share, colour in (
-                    (1.0, self.palette().color(role.Mid)),
-                    (self._overlap, label_colour(self._layer, 1)),
-                ):
-                    bar.setWidth(bar.width() * share)
-                    painter.setBrush(colour)
-                    painter.drawRoundedRect(bar, _THICKNESS / 2, _THICKNESS / 2)
-                painter.restore()
-        painter.setFont(small(self.font()))
-        painter.setPen(self.palette().color(role.PlaceholderText))
-        painter.drawText(QRectF(left, line, self.width() - left, line + 2), 0, self._detail)
-        painter.end()
 
 
 def _detail(figures: Mapping[str, Any]) -> str:

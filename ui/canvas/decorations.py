@@ -1,16 +1,17 @@
 """Decorations of the canvas: scale bar, 3-D camera, contradiction warnings, adherence legend."""
 
 import math
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 
 from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.schema.layers import LAYERS
-from sketchterrain.ui.canvas.marks import DARK, SELECTED, OverlayImage, draw_features
+from sketchterrain.ui.canvas.marks import DARK, SELECTED, draw_features
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS
-from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
+from sketchterrain.ui.canvas.tool_context import CanvasImage, Tool, ToolContext
 from sketchterrain.ui.canvas.vectors import draw_vectors
 from sketchterrain.ui.engine.protocol import FrameFacts
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
@@ -167,13 +168,33 @@ def _draw_rows(painter: QPainter, rows: list[tuple[QColor | None, str]], width: 
         painter.drawText(row, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
 
+def _overlay(
+    context: ToolContext,
+    draw: Callable[[QPainter, ToolContext, QRectF], None],
+    painter: QPainter,
+    area: QRect,
+) -> None:
+    """Draw an area (device pixels) of a transparent image by what draws one in logical pixels."""
+    ratio = context.ratio
+    painter.save()
+    painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
+    painter.fillRect(area, Qt.GlobalColor.transparent)
+    painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_SourceOver)
+    painter.setClipRect(area)
+    painter.scale(ratio, ratio)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    size = (area.width() / ratio, area.height() / ratio)
+    draw(painter, context, QRectF(area.x() / ratio, area.y() / ratio, *size))
+    painter.restore()
+
+
 class Decorations:
     """Draws everything over the sketch image."""
 
     def __init__(self, context: ToolContext) -> None:
         self._context = context
         self._features, self._vectors = (
-            OverlayImage(context, draw) for draw in (draw_features, draw_vectors)
+            CanvasImage(context, partial(_overlay, context, draw)) for draw in (draw_features, draw_vectors)
         )
         self._pose: Camera | None = None
 

@@ -1,13 +1,12 @@
 """Placed features over the sketch: glyphs and rings, rivers with banks, lake shores."""
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from contourpy import LineType, contour_generator
-from PyQt6.QtCore import QPointF, QRect, QRectF, QSize, Qt
+from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
@@ -15,8 +14,7 @@ from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.features.picking import Shapes, outlines_of
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.schema.layers import LAYERS
-from sketchterrain.ui.canvas.sketch_image import scroll_image
-from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
+from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.layer_colours import FILLED_GLYPHS, layer_glyph
@@ -104,44 +102,6 @@ def shore_lines(field: ShapeField) -> list[Float64Array]:
     lines = contour_generator(z=inside, line_type=LineType.Separate).lines(0.0)
     origin = np.array([field.west, field.south])
     return [line * (field.spacing * step) + origin for line in lines]
-
-
-class OverlayImage:
-    """A cached image of the whole canvas: when it is scrolled, only what is new is drawn.
-
-    `draw` draws a rectangle (logical px) with a painter in logical pixels.
-    """
-
-    def __init__(self, context: ToolContext, draw: Callable[[QPainter, ToolContext, QRectF], None]) -> None:
-        self._context, self._draw_area = context, draw
-        self._image = QImage()
-        self._key: tuple[object, ...] = ()
-        self._viewport: Viewport | None = None
-
-    def updated(self, *key: object) -> QImage:
-        """Return the image, device pixels, premultiplied, of what a key stands for."""
-        viewport = self._context.viewport
-        size = QSize(viewport.width, viewport.height)
-        before = self._viewport if key == self._key else None
-        self._key, self._viewport = key, viewport
-        if self._image.size() != size:
-            self._image, before = QImage(size, QImage.Format.Format_ARGB32_Premultiplied), None
-        for area in scroll_image(self._image, before, viewport):
-            self._draw(area)
-        return self._image
-
-    def _draw(self, area: QRect) -> None:
-        """Draw an area, device pixels."""
-        painter, ratio = QPainter(self._image), self._context.ratio
-        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
-        painter.fillRect(area, Qt.GlobalColor.transparent)
-        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_SourceOver)
-        painter.setClipRect(area)
-        painter.scale(ratio, ratio)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        size = (area.width() / ratio, area.height() / ratio)
-        self._draw_area(painter, self._context, QRectF(area.x() / ratio, area.y() / ratio, *size))
-        painter.end()
 
 
 @lru_cache(maxsize=1)

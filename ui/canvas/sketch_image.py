@@ -1,17 +1,14 @@
 """The composited raster of the sketch: paper, reliefs, pictures, paint, adherence, redrawn where stale."""
 
-from dataclasses import replace
-from functools import reduce
-
 import numpy as np
 import numpy.typing as npt
-from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSize, QSizeF, pyqtSignal
+from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSizeF, pyqtSignal
 from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion, QTransform
 
 from sketchterrain.document.label_layers import Box
 from sketchterrain.ui.canvas.compositing import Colours, HatchTable, LayerCompositor, level_for, paints_of
 from sketchterrain.ui.canvas.drapes import DrapePictures
-from sketchterrain.ui.canvas.tool_context import ToolContext, Viewport
+from sketchterrain.ui.canvas.tool_context import CanvasImage, ToolContext, Viewport
 from sketchterrain.ui.canvas.underlay import RasterUnderlay
 from sketchterrain.ui.engine.protocol import Agreement, Relief
 from sketchterrain.ui.look.theme import active_theme, theme
@@ -38,32 +35,8 @@ _DARKEST = (0.44, 0.42, 0.41)  # of the paper's red, green and blue, in the deep
 _SEA = (198.0, 220.0, 232.0), (120.0, 164.0, 198.0)  # at the shore, and where it is deepest
 _DEEP = 20.0  # m at which it is halfway between them
 _TINT = 0.62  # opacity of the adherence colours
-_MAX_AREAS = 12  # stale areas composed one by one
 _BAND = 64  # screen rows composed at a time, so that their pixels stay in the CPU's cache
 _SHARP = 4.0  # px of the screen per pixel, from which pixels have sharp edges
-
-
-def scroll_image(image: QImage, before: Viewport | None, viewport: Viewport) -> list[QRect]:
-    """Move the pixels of an image of the canvas to another viewport; return the areas to draw."""
-    if before == viewport:
-        return []
-    if before is None or replace(before, left=viewport.left, top=viewport.top) != viewport:
-        return [image.rect()]
-    right, down = viewport.left - before.left, viewport.top - before.top
-    width, height = image.width(), image.height()
-    if abs(right) >= width or abs(down) >= height:
-        return [image.rect()]
-    moved = image.copy(max(-right, 0), max(-down, 0), width - abs(right), height - abs(down))
-    painter = QPainter(image)
-    painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
-    painter.drawImage(max(right, 0), max(down, 0), moved)
-    painter.end()
-    uncovered = []
-    if right:
-        uncovered.append(QRect(0 if right > 0 else width + right, 0, abs(right), height))
-    if down:
-        uncovered.append(QRect(0, 0 if down > 0 else height + down, width, abs(down)))
-    return uncovered
 
 
 def _draw_surround(painter: QPainter, area: QRect, sketch: QRect, ratio: float) -> None:
@@ -162,9 +135,7 @@ class SketchView(QObject):
         self.drapes = DrapePictures(context, self)
         self._tint: tuple[Agreement | None, str] = (None, "")
         self._tint_image: QImage | None = None
-        self._viewport: Viewport | None = None
-        self._image = QImage()
-        self._stale: list[QRect] = []
+        self._image = CanvasImage(context, self._compose, QImage.Format.Format_RGB32)
 
         context.document.opened.connect(self._on_opened)
         context.document.painted.connect(self._on_painted)
@@ -183,7 +154,7 @@ class SketchView(QObject):
         self._compositor = LayerCompositor(context.document.layer, paints)
         self._hatches = HatchTable(paints, context.ratio)
         self._ratio = context.ratio
-        self._invalidate()
+        self._image.invalidate()
         self.refresh_overlays()
 
     def refresh_overlays(self, *_: object) -> None:
@@ -192,20 +163,20 @@ class SketchView(QObject):
         if (relief is None) != (self._relief_image is None):
             self._relief = self._relief_image = None
             self._update_relief()
-            self._invalidate()
+            self._image.invalidate()
         if self.underlay.pictures or self.underlay.hillshade:
-            self._invalidate()
+            self._image.invalidate()
         measured = context.link.adherence if {"adherence", "realism"} & overlays else None
         name = "realism" if "realism" in overlays else "" if measured is None else context.workspace.layer
         if measured is not self._tint[0] or name != self._tint[1]:
             self._tint = measured, name
             self._tint_image = None if measured is None else tint_image(measured, name)
-            self._invalidate()
+            self._image.invalidate()
         self.stale.emit(QRect(0, 0, context.viewport.width, context.viewport.height))
 
     def _on_drapes(self, are_beneath: bool) -> None:
         if are_beneath:
-            self._invalidate()
+            self._image.invalidate()
         self.stale.emit(QRect(0, 0, self._context.viewport.width, self._context.viewport.height))
 
     def _on_relief(self) -> None:
@@ -239,18 +210,18 @@ class SketchView(QObject):
         top, left, bottom, right = (side * relief.step for side in box)
         margin = 2 * relief.step
         area = self._area_of((top - margin, left - margin, bottom + margin, right + margin))
-        self._invalidate(area)
+        self._image.invalidate(area)
         return area
 
     def _on_opened(self) -> None:
         self._relief = self._relief_image = None
-        self._invalidate()
+        self._image.invalidate()
 
     def _on_painted(self, layer: str, box: Box) -> None:
         if any(paint.layer == layer for paint in self._compositor.paints):
             self._compositor.invalidate(box)
             area = self._area_of(box)
-            self._invalidate(area)
+            self._image.invalidate(area)
             self.stale.emit(area)
 
     def draw(self, painter: QPainter, area: QRect) -> None:
@@ -258,11 +229,9 @@ class SketchView(QObject):
         ratio = self._context.ratio
         if self._ratio != ratio:
             self.refresh()
-        self._set_viewport(self._context.viewport)
         self.drapes.update()
-        self._compose_stale()
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-        painter.drawImage(QRectF(area), self._image, source)
+        painter.drawImage(QRectF(area), self._image.updated(), source)
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         corner, scale = self._context.screen_from_sketch(0.0, 0.0), self._context.scale
         for image, place in self.drapes.above:
@@ -270,53 +239,22 @@ class SketchView(QObject):
             to_screen = QTransform(width, 0, 0, height, corner.x(), corner.y())
             painter.drawImage(to_screen.mapRect(place), image)
 
-    def _set_viewport(self, viewport: Viewport) -> None:
-        """Show the sketch through a viewport; panning reuses pixels."""
-        before, self._viewport = self._viewport, viewport
-        size = QSize(viewport.width, viewport.height)
-        if self._image.size() != size:
-            self._image, before = QImage(size, QImage.Format.Format_RGB32), None
-        if before is not None:
-            right, down = viewport.left - before.left, viewport.top - before.top
-            self._stale = [each.translated(right, down) for each in self._stale]
-        for area in scroll_image(self._image, before, viewport):
-            self._invalidate(area)
-
-    def _invalidate(self, area: QRect | None = None) -> None:
-        """Mark an area of the screen as stale; None: all of it."""
-        whole = self._image.rect()
-        area = whole if area is None else area.intersected(whole)
-        if area == whole:
-            self._stale.clear()
-        if not area.isEmpty():
-            self._stale.append(area)
-
     def _area_of(self, box: Box) -> QRect:
         """Return the area of the screen that a box of the sketch affects."""
-        if self._viewport is None:
+        viewport = self._image.viewport
+        if viewport is None:
             return QRect()
-        step = 1 << level_for(self._viewport.scale)
+        step = 1 << level_for(viewport.scale)
         top, left = box[0] // step * step, box[1] // step * step
         bottom, right = -(-box[2] // step) * step, -(-box[3] // step) * step
-        margin = 2 + self._hatches.halo + int(self._viewport.scale * step)
-        x0, y0 = self._viewport.to_screen(left, top)
-        x1, y1 = self._viewport.to_screen(right, bottom)
+        margin = 2 + self._hatches.halo + int(viewport.scale * step)
+        x0, y0 = viewport.to_screen(left, top)
+        x1, y1 = viewport.to_screen(right, bottom)
         corner = QPoint(int(np.floor(x0)) - margin, int(np.floor(y0)) - margin)
         return QRect(corner, QPoint(int(np.ceil(x1)) + margin, int(np.ceil(y1)) + margin))
 
-    def _compose_stale(self) -> None:
-        stale, self._stale = self._stale, []
-        if len(stale) > _MAX_AREAS:
-            stale = [reduce(QRect.united, stale)]
-        if stale:
-            painter = QPainter(self._image)
-            for area in stale:
-                self._compose(painter, area)
-            painter.end()
-
     def _compose(self, painter: QPainter, area: QRect) -> None:
-        viewport = self._viewport
-        assert viewport is not None  # noqa: S101 # nothing is stale without one
+        viewport = self._context.viewport
         painter.save()
         painter.setClipRect(area)
         sketch = QRect(viewport.left, viewport.top, *viewport.sketch_size)

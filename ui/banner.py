@@ -17,7 +17,7 @@ from sketchterrain.document.store import reject_sketch_folder
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import ErrorReport
-from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, Symbol, active_theme, row, theme, tool_button
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, active_theme, icon, row, theme, tool_button
 from sketchterrain.ui.models.background import BackgroundQueue, single_shot
 
 _DURATION = 8000  # ms until information disappears
@@ -45,8 +45,8 @@ class Banner(QFrame):
         self._buttons: list[QPushButton] = []
         self.setObjectName("banner")
         self.setAutoFillBackground(True)
-        self._symbol = Symbol(20)
-        self._line = QLabel()
+        self._symbol, self._line = QLabel(), QLabel()
+        self._symbol.setFixedSize(20, 20)
         self._line.setTextFormat(Qt.TextFormat.PlainText)
         self._line.setWordWrap(True)
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -120,7 +120,7 @@ class Banner(QFrame):
             "warning": ("warning", colours.warning),
             "error": ("error", colours.error),
         }
-        self._symbol.show_icon(*symbols.get(kind, ("info", colours.accent)))
+        self._symbol.setPixmap(icon(*symbols.get(kind, ("info", colours.accent))).pixmap(20, 20))
 
     def _press(self) -> None:
         message = self.message

@@ -163,7 +163,7 @@ def test_an_export_to_a_target_writes_the_listed_files(qtbot, opened, tmp_path):
     written = {each.name for each in (tmp_path / "out").iterdir()}
     assert {entry["file"] for entry in sidecar["files"]} == written
     assert len(done.args[0]["files"]) == len(sidecar["files"])
-    assert dialog.outcome.table.item(0, 0).text() == next(iter(sidecar["import"]))
+    assert dialog.outcome.table.topLevelItem(0).text(0) == next(iter(sidecar["import"]))
     assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
     assert dialog.preferences.export_target == "raw"
     qtbot.waitUntil(lambda: not dialog.job.is_running)

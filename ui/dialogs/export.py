@@ -7,15 +7,13 @@ from typing import Any
 from PyQt6.QtCore import Qt, QTimer
 from PyQt6.QtGui import QCloseEvent, QKeySequence, QShortcut
 from PyQt6.QtWidgets import (
-    QAbstractItemView,
     QComboBox,
     QFileDialog,
-    QHeaderView,
     QLabel,
     QPushButton,
     QStackedWidget,
-    QTableWidget,
-    QTableWidgetItem,
+    QTreeWidget,
+    QTreeWidgetItem,
     QWidget,
 )
 
@@ -60,13 +58,19 @@ class ExportOutcome(JobProgress):
 
     def __init__(self) -> None:
         super().__init__("Exporting", "Progress of the export")
-        self._stages, self._rows = _STAGES, list[tuple[str, str]]()
+        self._stages, self._rows = _STAGES, list[tuple[QTreeWidgetItem, str]]()
         self._stage, self._start = "Starting", 0.0
         self._stage_start = 0  # value of the bar when the stage began
         self._clock = QTimer(self)
         self._clock.setInterval(500)
         self._clock.timeout.connect(self._show_time)
-        self.table, copy = _table(), QPushButton("&Copy")
+        self.table, copy = QTreeWidget(), QPushButton("&Copy")
+        described(self.table, "Import settings", "Ctrl+C copies the selected value")
+        self.table.setHeaderLabels(["Setting", "Value"])
+        self.table.setSelectionMode(QTreeWidget.SelectionMode.ExtendedSelection)
+        self.table.setRootIsDecorated(False)
+        self.table.setWordWrap(True)
+        self.table.setMinimumHeight(_TABLE_HEIGHT)
         copy.setToolTip("Copy all of it as text")
         copy.setAutoDefault(False)
         copy.clicked.connect(lambda: self._copy(all_rows=True))
@@ -133,39 +137,21 @@ class ExportOutcome(JobProgress):
         self.notes.setText(f"{seconds:.0f} s{left and ', '}{left}")
 
     def _show_settings(self, settings: dict[str, Any]) -> None:
-        self._rows = [(_INDENT * depth + name, value) for depth, name, value in setting_rows(settings)]
-        self.table.setRowCount(len(self._rows))
-        for index, texts in enumerate(self._rows):
-            for cell, text in enumerate(texts):
-                self.table.setItem(index, cell, QTableWidgetItem(text))
-            if not texts[1]:
-                self.table.setSpan(index, 0, 1, 2)
-        self._settings.setVisible(bool(self._rows))
+        rows, parents = setting_rows(settings), [self.table.invisibleRootItem()]
+        self._rows.clear()
+        for depth, name, value in rows:
+            item = QTreeWidgetItem(parents[depth], [name, value])
+            parents[depth + 1 :] = [item]
+            self._rows.append((item, f"{_INDENT * depth}{name}\t{value}"))
+        self.table.expandAll()
+        self.table.resizeColumnToContents(0)
+        self._settings.setVisible(bool(rows))
 
     def _copy(self, *, all_rows: bool) -> None:
         """Copy all rows with their names, or the selected ones, of one only the value."""
-        chosen = sorted({index.row() for index in self.table.selectedIndexes()})
-        rows = self._rows if all_rows else [self._rows[each] for each in chosen]
+        rows = [(item, line) for item, line in self._rows if all_rows or item.isSelected()]
         is_value = len(rows) == 1 and not all_rows
-        clipboard().setText(rows[0][1] if is_value else "\n".join(map("\t".join, rows)))
-
-
-def _table() -> QTableWidget:
-    table = described(QTableWidget(0, 2), "Import settings", "Ctrl+C copies the selected value")
-    table.setHorizontalHeaderLabels(["Setting", "Value"])
-    table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-    table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-    table.setTabKeyNavigation(False)
-    table.setShowGrid(False)
-    table.setMinimumHeight(_TABLE_HEIGHT)
-    across, down = table.horizontalHeader(), table.verticalHeader()
-    if across is not None and down is not None:
-        across.setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
-        across.setStretchLastSection(True)
-        across.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        down.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        down.hide()
-    return table
+        clipboard().setText(rows[0][0].text(1) if is_value else "\n".join(line for _, line in rows))
 
 
 class ExportDialog(JobDialog):

@@ -17,7 +17,6 @@ from PyQt6.QtGui import (
     QImage,
     QPainter,
     QPainterPath,
-    QPaintEvent,
     QPalette,
     QPen,
     QPixmap,
@@ -40,10 +39,10 @@ _APP_SIZES = (16, 24, 32, 48, 64, 128, 256)
 _CORNER = 6.0  # px, radius of rounded corners
 
 
-def icon(name: str) -> QIcon:
-    """Return an icon by its file name, drawn in the current palette's text colour."""
+def icon(name: str, colour: QColor | None = None) -> QIcon:
+    """Return an icon by its file name, drawn in a colour, or in the current palette's of text."""
     _svg(name, "")
-    return QIcon(_Engine(name))
+    return QIcon(_Engine(name, colour))
 
 
 def app_icon() -> QIcon:
@@ -91,25 +90,6 @@ def tool_button(
     return button
 
 
-class Symbol(QWidget):
-    """An icon in a colour; empty without a name."""
-
-    def __init__(self, side: int) -> None:
-        super().__init__()
-        self._name, self._colour = "", QColor()
-        self.setFixedSize(side, side)
-
-    def show_icon(self, name: str, colour: QColor) -> None:
-        self._name, self._colour = name, colour
-        self.update()
-
-    def paintEvent(self, event: QPaintEvent | None) -> None:
-        if self._name:
-            painter = QPainter(self)
-            draw_icon(painter, self._name, self.rect().toRectF(), self._colour)
-            painter.end()
-
-
 def rounded_picture(image: QImage, size: QSize, dpr: float) -> QPixmap:
     """Return an image that fills `size` logical pixels, with rounded corners."""
     pixels = size * dpr
@@ -148,12 +128,12 @@ def _svg(name: str, colour: str) -> QByteArray:
 class _Engine(QIconEngine):
     """Icon engine that draws an SVG in the state of its control."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, colour: QColor | None) -> None:
         super().__init__()
-        self._name = name
+        self._name, self._colour = name, colour
 
     def clone(self) -> QIconEngine:
-        return _Engine(self._name)
+        return _Engine(self._name, self._colour)
 
     def isNull(self) -> bool:
         return False
@@ -167,7 +147,7 @@ class _Engine(QIconEngine):
         lit = mode == QIcon.Mode.Selected or (state == QIcon.State.On and mode != QIcon.Mode.Disabled)
         if painter is not None:
             colour = palette.color(group, role.HighlightedText if lit else role.ButtonText)
-            draw_icon(painter, self._name, QRectF(rect), colour)
+            draw_icon(painter, self._name, QRectF(rect), self._colour or colour)
 
     def pixmap(self, size: QSize, mode: QIcon.Mode, state: QIcon.State) -> QPixmap:
         picture = QPixmap(size)

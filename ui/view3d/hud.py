@@ -4,8 +4,8 @@ import time
 from dataclasses import dataclass
 from typing import Final
 
-from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, QTimer, pyqtSignal
-from PyQt6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen, QPolygonF
+from PyQt6.QtCore import QObject, QRectF, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
 from PyQt6.QtWidgets import (
     QAbstractButton,
     QButtonGroup,
@@ -19,7 +19,17 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, ErrorReport, FrameFacts, Turn, ViewState
-from sketchterrain.ui.look.theme import MARGIN, Symbol, active_theme, column, draw_icon, heading, row, theme
+from sketchterrain.ui.look.theme import (
+    MARGIN,
+    active_theme,
+    column,
+    draw_icon,
+    heading,
+    icon,
+    row,
+    theme,
+    tool_button,
+)
 
 _HELP: Final = {
     "orbit": "Orbit: drag turns, right drag or Shift moves, wheel zooms (1)",
@@ -28,28 +38,7 @@ _HELP: Final = {
 }
 _PLATE = QColor(18, 21, 24, 165)
 _SYMBOL = QColor(240, 243, 245)
-_SIDE, _ICON = 28, 18
-
-
-class _Button(QToolButton):
-    """A light symbol on the dark plate, in either theme."""
-
-    def __init__(self, parent: QWidget, name: str) -> None:
-        super().__init__(parent)
-        self._name = name
-        self.setFixedSize(_SIDE, _SIDE)
-
-    def paintEvent(self, event: QPaintEvent | None) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        place = QRectF(self.rect())
-        shine = 95 if self.isDown() else 70 if self.isChecked() else 38 if self.underMouse() else 0
-        painter.setBrush(QColor(255, 255, 255, shine))
-        painter.setPen(QColor(255, 255, 255, 170) if self.hasFocus() else Qt.PenStyle.NoPen)
-        painter.drawRoundedRect(place.adjusted(0.5, 0.5, -0.5, -0.5), 5.0, 5.0)
-        symbol = QRectF(0.0, 0.0, _ICON, _ICON)
-        symbol.moveCenter(place.center())
-        draw_icon(painter, self._name, symbol, _SYMBOL)
+_SIDE = 28
 
 
 class ModeBar(QFrame):
@@ -84,10 +73,10 @@ class ModeBar(QFrame):
         if button is not None:
             button.setChecked(True)
 
-    def _button(self, name: str, tip: str, what: str) -> _Button:
-        button = _Button(self, name)
-        button.setToolTip(tip)
-        button.setAccessibleName(what)
+    def _button(self, name: str, tip: str, what: str) -> QToolButton:
+        button = tool_button(name, what, tip=tip)
+        button.setIcon(icon(name, _SYMBOL))
+        button.setFixedSize(_SIDE, _SIDE)
         self._row.addWidget(button)
         return button
 
@@ -131,8 +120,11 @@ class Placeholder(QFrame):
         self.setObjectName("card")
         self.notice: Notice | None = None  # what is shown
         self._seconds = 0
-        self._symbol = Symbol(32)
-        self._title, self._line = heading(weight=QFont.Weight.Bold, scale=1.15), QLabel()
+        self._symbol, self._title, self._line = (
+            QLabel(),
+            heading(weight=QFont.Weight.Bold, scale=1.15),
+            QLabel(),
+        )
         self._line.setTextFormat(Qt.TextFormat.PlainText)
         self._line.setWordWrap(True)
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -190,10 +182,11 @@ class Placeholder(QFrame):
         self._show_line()
 
     def _show_symbol(self) -> None:
-        icon, colours = "" if self.notice is None else self.notice.icon, theme()
-        colour = {"error": colours.error, "warning": colours.warning}.get(icon, colours.text)
-        self._symbol.show_icon(icon, colour)
-        self._symbol.setVisible(bool(icon))
+        name, colours = "" if self.notice is None else self.notice.icon, theme()
+        colour = {"error": colours.error, "warning": colours.warning}.get(name, colours.text)
+        self._symbol.setVisible(bool(name))
+        if name:
+            self._symbol.setPixmap(icon(name, colour).pixmap(32, 32))
 
     def _show_line(self) -> None:
         if self.notice is None:
@@ -206,8 +199,6 @@ class Placeholder(QFrame):
         self._line.setVisible(bool(line))
 
 
-_NORTH = QColor("#ff7a66")
-_SOUTH = QColor(235, 238, 240, 210)
 _COMPASS_SIDE = 40
 _POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 
@@ -245,19 +236,8 @@ class Compass(QAbstractButton):
         painter.drawEllipse(QRectF(self.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
         painter.translate(0.5 * _COMPASS_SIDE, 0.5 * _COMPASS_SIDE)
         painter.rotate(-self._heading)
-        painter.setPen(Qt.PenStyle.NoPen)
-        for colour, sign in ((_NORTH, -1.0), (_SOUTH, 1.0)):
-            painter.setBrush(colour)
-            corners = [QPointF(-3.4, 1.0), QPointF(0.0, 1.0 + 10.0 * sign), QPointF(3.4, 1.0)]
-            painter.drawPolygon(QPolygonF(corners))
-        font = painter.font()
-        font.setPixelSize(8)
-        font.setBold(True)
-        painter.setFont(font)
-        painter.setPen(_SOUTH)
-        painter.translate(0.0, -13.0)
-        painter.rotate(self._heading)
-        painter.drawText(QRectF(-7.0, -6.0, 14.0, 12.0), Qt.AlignmentFlag.AlignCenter, "N")
+        side = QRectF(-0.5 * _COMPASS_SIDE, -0.5 * _COMPASS_SIDE, _COMPASS_SIDE, _COMPASS_SIDE)
+        draw_icon(painter, "compass", side, _SYMBOL)
 
     def _describe(self) -> None:
         point = _POINTS[round(self._heading / 45.0) % 8]

@@ -1,12 +1,15 @@
 """Colours, hatches, swatches and glyphs of layers and labels."""
 
+import math
+import operator
 from collections.abc import Callable
-from functools import cache, lru_cache
-from typing import Final
+from functools import cache, lru_cache, partial
+from itertools import product
+from typing import Any, Final, cast
 
 import numpy as np
 from PyQt6.QtCore import QPointF, QRectF, Qt
-from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap
+from PyQt6.QtGui import QBrush, QColor, QImage, QPainter, QPainterPath, QPen, QPixmap, QPolygonF
 
 from sketchterrain.array_types import Float32Array
 from sketchterrain.document.label_layers import label_rgb
@@ -76,8 +79,6 @@ def _hatch_image(layer: str, dpr: float) -> QImage:
 
 PERIOD: Final = 16  # period of every hatch, px at a device pixel ratio of 1
 
-_LINE = 1.15  # px, width of a hatch's lines
-
 
 def hatch_period(ratio: float) -> int:
     """Return the period of hatches in device pixels at a device pixel ratio."""
@@ -87,66 +88,44 @@ def hatch_period(ratio: float) -> int:
 @lru_cache(maxsize=64)
 def hatch(kind: str, period: int) -> Float32Array:
     """Return the coverage of one period of a hatch, float32, (period, period)."""
-    middles = ((np.arange(period) + 0.5) * (PERIOD / period)).astype(np.float32)
-    x, y = np.meshgrid(middles, middles)
-    distance, half_width = HATCHES[kind](x, y)
-    covered: Float32Array = np.clip((half_width - distance) * (period / PERIOD) + 0.5, 0.0, 1.0).astype(
-        np.float32
-    )
+    width, lines = HATCHES[kind]
+    image, path = QImage(period, period, QImage.Format.Format_Grayscale8), QPainterPath()
+    image.fill(0)
+    for down, line in product((-PERIOD, 0, PERIOD), lines):
+        points = zip(line[::2], line[1::2], strict=True)
+        path.addPolygon(QPolygonF([QPointF(x, y + down) for x, y in points]))
+    painter, cap, join = QPainter(image), Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.scale(period / PERIOD, period / PERIOD)
+    painter.strokePath(path, QPen(QColor(255, 255, 255), width, cap=cap, join=join))
+    painter.end()
+    pixels = np.frombuffer(cast(Any, image.constBits()).asstring(image.sizeInBytes()), np.uint8)
+    covered: Float32Array = pixels.reshape(period, -1)[:, :period] / np.float32(255.0)
     covered.flags.writeable = False
     return covered
 
 
-def _from_line(across: Float32Array, spacing: float) -> Float32Array:
-    """Return the distance from the nearest of parallel lines, given a coordinate across them."""
-    return np.asarray(np.abs((across + 0.5 * spacing) % spacing - 0.5 * spacing), np.float32)
+_THIRDS: Final = (0.0, PERIOD / 3.0, PERIOD / 1.5)
+_LEFT, _RIGHT = -PERIOD, 2 * PERIOD  # lines run through three periods from left to right
+_GRID: Final = [
+    (x, y) for x, y in product(range(_LEFT + 2, _RIGHT, 4), range(2, PERIOD, 4)) if (x - y) % 8 == 0
+]
 
 
-def _peaks(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
-    tooth: Float32Array = np.abs((x % np.float32(8.0)) - np.float32(4.0))
-    return _from_line(y + np.float32(0.9) * tooth, 8.0) * np.float32(0.743), 0.5 * _LINE
+def _curve(y: float, step: int, height: Callable[[float], float]) -> tuple[float, ...]:
+    return tuple(each for x in range(_LEFT, _RIGHT + 1, step) for each in (x, y - height(x)))
 
 
-def _waves(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
-    swing = np.float32(1.9) * np.sin(np.float32(2.0 * np.pi / PERIOD) * x)
-    return _from_line(y + swing, 8.0) * np.float32(0.88), 0.5 * _LINE
-
-
-def _crossed(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
-    slope = np.float32(np.sqrt(0.5))
-    return np.minimum(_from_line(x - y, 8.0), _from_line(x + y, 8.0)) * slope, 0.42 * _LINE
-
-
-def _nearest(x: Float32Array, y: Float32Array) -> tuple[Float32Array, Float32Array]:
-    """Return the offsets from the nearest point of a staggered 8 px grid."""
-    best = np.full(x.shape, np.inf, np.float32)
-    east, south = np.zeros_like(x), np.zeros_like(y)
-    for shift_x, shift_y in ((2.0, 2.0), (6.0, 6.0)):
-        dx = (x - shift_x + 4.0) % 8.0 - 4.0
-        dy = (y - shift_y + 4.0) % 8.0 - 4.0
-        nearer = np.hypot(dx, dy) < best
-        best = np.where(nearer, np.hypot(dx, dy), best)
-        east, south = np.where(nearer, dx, east), np.where(nearer, dy, south)
-    return east, south
-
-
-def _trees(x: Float32Array, y: Float32Array) -> tuple[Float32Array, float]:
-    dx, dy = _nearest(x, y)
-    upright = np.maximum(np.abs(dx), np.abs(dy) - 2.0)
-    across = np.maximum(np.abs(dy), np.abs(dx) - 2.0)
-    return np.minimum(upright, across), 0.5 * _LINE
-
-
-HATCHES: Final[dict[str, Callable[[Float32Array, Float32Array], tuple[Float32Array, float]]]] = {
-    "peaks": _peaks,
-    "waves": _waves,
-    "falling": lambda x, y: (_from_line(x - y, 5.0 + 1.0 / 3.0) * np.float32(np.sqrt(0.5)), 0.45 * _LINE),
-    "level": lambda x, y: (_from_line(y + 0.0 * x, 5.0 + 1.0 / 3.0), 0.5 * _LINE),
-    "crossed": _crossed,
-    "dots": lambda x, y: (np.hypot(*_nearest(x, y)), 1.15),
-    "trees": _trees,
+HATCHES: Final[dict[str, tuple[float, list[tuple[float, ...]]]]] = {
+    "peaks": (1.15, [_curve(y, 4, lambda x: 0.9 * (x % 8)) for y in (4, 12)]),
+    "waves": (1.15, [_curve(y, 1, lambda x: 1.9 * math.sin(math.tau * x / PERIOD)) for y in (4, 12)]),
+    "falling": (1.04, [_curve(y, PERIOD, lambda x: -x) for y in _THIRDS]),
+    "level": (1.15, [_curve(y, PERIOD, lambda _: 0.0) for y in _THIRDS]),
+    "crossed": (0.97, [_curve(y, PERIOD, partial(operator.mul, sign)) for y in (0, 8) for sign in (1, -1)]),
+    "dots": (2.3, [(x, y, x + 0.01, y) for x, y in _GRID]),
+    "trees": (1.15, [line for x, y in _GRID for line in ((x - 2, y, x + 2, y), (x, y - 2, x, y + 2))]),
 }
-"""Distance from a hatch's lines and half their width, px at a device pixel ratio of 1."""
+"""Width and lines of a period of each hatch, px at a device pixel ratio of 1."""
 
 
 GLYPHS: Final[dict[str, tuple[tuple[float, ...], ...]]] = {

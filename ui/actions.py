@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, cast
 
 from PyQt6.QtCore import QEvent, QObject, QSize, Qt
-from PyQt6.QtGui import QAction, QActionGroup, QClipboard, QGuiApplication, QKeyEvent, QKeySequence
+from PyQt6.QtGui import QAction, QActionGroup, QClipboard, QGuiApplication, QIcon, QKeyEvent, QKeySequence
 from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
@@ -248,16 +248,12 @@ class ContextMenu(QMenu):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self._callbacks: dict[str, Callable[[], object]] = {}
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.triggered.connect(self._run)
 
     def add_command(self, icon_name: str, text: str, callback: Callable[[], object]) -> QAction:
         """Add an action, with an icon of `ui.look.icons` unless its name is empty."""
-        action = QAction(text, self)
-        if icon_name:
-            action.setIcon(icon(icon_name))
-        self._callbacks[text] = callback
+        action = QAction(icon(icon_name) if icon_name else QIcon(), text, self)
+        action.triggered.connect(partial(_call, callback))
         self.addAction(action)
         return action
 
@@ -269,11 +265,6 @@ class ContextMenu(QMenu):
         inner.setTitle(text)
         self.addMenu(inner)
         return inner
-
-    def _run(self, action: QAction) -> None:
-        callback = self._callbacks.get(action.text())
-        if callback is not None:  # else an action of a submenu, which runs it
-            callback()
 
 
 def selection_menu(

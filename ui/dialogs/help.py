@@ -38,7 +38,7 @@ from sketchterrain.ui.look.theme import (
     MARGIN,
     SMALL,
     SPACING,
-    app_picture,
+    app_icon,
     column,
     heading,
     icon,
@@ -123,7 +123,7 @@ class AboutDialog(QDialog):
     def __init__(self, facts: EngineFacts, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         picture = QLabel()
-        picture.setPixmap(app_picture(72, self.devicePixelRatioF()))
+        picture.setPixmap(app_icon().pixmap(72, 72))
         title = headline(f"Sketchterrain {version('sketchterrain')}")
         head = row(None, picture, spacing=MARGIN)
         head.addLayout(column(None, 1, title, note(_SUMMARY), 1, spacing=SMALL), 1)

@@ -35,7 +35,6 @@ from PyQt6.QtWidgets import (
 
 ICONS = Path(__file__).with_name("icons")
 MARKS = Path(__file__).with_name("marks")
-_APP_SIZES = (16, 24, 32, 48, 64, 128, 256)
 _CORNER = 6.0  # px, radius of rounded corners
 
 
@@ -46,22 +45,8 @@ def icon(name: str, colour: QColor | None = None) -> QIcon:
 
 
 def app_icon() -> QIcon:
-    """Return the application icon in all usual sizes."""
-    application = QIcon()
-    for size in _APP_SIZES:
-        application.addPixmap(app_picture(size))
-    return application
-
-
-def app_picture(size: int, dpr: float = 1.0) -> QPixmap:
-    """Return the application icon, `size` logical pixels wide, at a device pixel ratio."""
-    picture = QPixmap(round(size * dpr), round(size * dpr))
-    picture.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(picture)
-    draw_icon(painter, "sketchterrain", picture.rect().toRectF(), QColor())
-    painter.end()
-    picture.setDevicePixelRatio(dpr)
-    return picture
+    """Return the application icon."""
+    return QIcon(str(ICONS / "sketchterrain.svg"))
 
 
 def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> None:

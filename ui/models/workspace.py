@@ -5,13 +5,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
+from PyQt6.QtCore import QByteArray, QObject, QSettings, QStandardPaths, pyqtSignal
 
 from sketchterrain.document.sketch import DEFAULT_SIDE
 from sketchterrain.errors import InputError, SketchterrainError
@@ -29,18 +28,16 @@ _MAX_RECENT = 12
 
 def config_folder() -> Path:
     """Return the folder for preferences (``XDG_CONFIG_HOME``)."""
-    return _folder("XDG_CONFIG_HOME", ".config")
+    return _folder(QStandardPaths.StandardLocation.GenericConfigLocation)
 
 
 def state_folder() -> Path:
     """Return the folder for state (``XDG_STATE_HOME``)."""
-    return _folder("XDG_STATE_HOME", ".local/state")
+    return _folder(QStandardPaths.StandardLocation.GenericStateLocation)
 
 
-def _folder(variable: str, default: str) -> Path:
-    value = os.environ.get(variable, "")
-    # The XDG specification: relative paths are ignored.
-    return (Path(value) if value.startswith("/") else Path.home() / default) / "sketchterrain"
+def _folder(place: QStandardPaths.StandardLocation) -> Path:
+    return Path(QStandardPaths.writableLocation(place)) / "sketchterrain"
 
 
 class Preferences(QObject):

@@ -16,6 +16,7 @@ from PyQt6.QtWidgets import (
     QDoubleSpinBox,
     QFrame,
     QLabel,
+    QPushButton,
     QScrollArea,
     QSizePolicy,
     QSlider,
@@ -23,7 +24,7 @@ from PyQt6.QtWidgets import (
     QStyleOptionViewItem,
     QWidget,
 )
-from superqt import QCollapsible, QElidingLabel
+from superqt import QElidingLabel
 
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.parameters import Parameter, format_number
@@ -252,7 +253,6 @@ class ClockBox(NumberBox):
 
 
 _SMALLER = 0.88
-_UNBOUNDED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX
 _SWATCH = 28
 
 
@@ -312,34 +312,20 @@ def draw_band(painter: QPainter, option: QStyleOptionViewItem, band: QRectF) -> 
     return palette.color(roles[0]), palette.color(roles[1])
 
 
-class CollapsibleGroup(QCollapsible):  # type: ignore[misc] # superqt has no types
-    """Controls under a heading; a collapsed group is not animated and not in the tab order."""
+class CollapsibleGroup(QWidget):
+    """Controls under a heading, which shows or hides them."""
 
     def __init__(self, title: str, content: QWidget, *, is_open: bool = True) -> None:
-        super().__init__(title, None, *(QIcon(str(MARKS / f"{name}.svg")) for name in ("down", "right")))
-        self.content().deleteLater()
-        # Both limit the height to the hint, which wrapped text may exceed.
-        self.layout().setAlignment(Qt.AlignmentFlag(0))
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Preferred)
-        self.layout().setContentsMargins(0, 0, 0, 0)
-        self.setContent(content)
-        header = described(self.toggleButton(), title, f"Show or hide: {title.lower()}")
-        header.setStyleSheet("")  # the application's
+        super().__init__()
+        mark = QIcon(str(MARKS / "right.svg"))
+        mark.addFile(str(MARKS / "down.svg"), state=QIcon.State.On)
+        header = described(QPushButton(mark, title), title, f"Show or hide: {title.lower()}")
+        header.setCheckable(True)
+        header.setChecked(is_open)
         header.setAutoDefault(False)
-        if is_open:
-            self.expand()
-        else:
-            self.collapse()
-
-    def expand(self, animate: bool = False) -> None:
-        """Show the content at its full height, also where its lines wrap."""
-        super().expand(animate=False)
-        self.content().setMaximumHeight(_UNBOUNDED)
-        self.content().show()
-
-    def collapse(self, animate: bool = False) -> None:
-        super().collapse(animate=False)
-        self.content().hide()
+        header.toggled.connect(content.setVisible)
+        column(self, header, content)
+        content.setVisible(is_open)
 
 
 class Panel(QWidget):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, TypeAlias
@@ -88,34 +88,22 @@ class LayerCompositor:
 
     def _tile(self, level: int, row: int, column: int) -> _Tile:
         tile = self._tiles.get_or_compute((level, row, column), _Tile)
-        if tile.stale is not None:
-            top, left, bottom, right = tile.stale
-            area = np.s_[top:bottom, left:right]
-            north, west = row * _TILE, column * _TILE
-            pixels = self._composite(level, (north + top, west + left, north + bottom, west + right))
-            if pixels is None:
-                tile.colours[area], tile.codes[area] = 0, 0
-            else:
-                height, width = pixels[0].shape  # less at the sketch's edges
-                area = np.s_[top : top + height, left : left + width]
-                tile.colours[area], tile.codes[area] = pixels
-            tile.stale = None
+        if tile.stale is None:
+            return tile
+        (top, left, bottom, right), tile.stale = tile.stale, None
+        north, west = row * _TILE, column * _TILE
+        area = np.s_[
+            north + top << level : north + bottom << level, west + left << level : west + right << level
+        ]
+        tile.colours[top:bottom, left:right] = tile.codes[top:bottom, left:right] = 0
+        images = {bit: self._layer(paint.layer)[area] for bit, paint in enumerate(self.paints)}
+        paints = {bit: self.paints[bit] for bit, image in images.items() if image.max(initial=0) > 0}
+        if paints:  # few in most places
+            labels = [_reduce(images[bit], level) for bit in paints]
+            height, width = labels[0].shape  # less at the sketch's edges
+            here = np.s_[top : top + height, left : left + width]
+            tile.colours[here], tile.codes[here] = _blend(paints, labels)
         return tile
-
-    def _composite(self, level: int, box: Box) -> tuple[Colours, Codes] | None:
-        """Return colours and codes in a box of a level; None where nothing is painted."""
-        area = np.s_[box[0] << level : box[2] << level, box[1] << level : box[3] << level]
-        images, bits = [], []
-        for bit, paint in enumerate(self.paints):
-            image = self._layer(paint.layer)[area]
-            if image.max(initial=0) > 0:  # most layers are unpainted in most places
-                images.append(_reduce(image, level))
-                bits.append(bit)
-        if not images:
-            return None
-        mixture, labels = _label_mixtures(images)
-        colour, code = _blend([self.paints[bit] for bit in bits], bits, labels)
-        return colour[mixture], code[mixture]
 
 
 class _Tile:
@@ -149,44 +137,36 @@ def _reduce(image: LabelImage, level: int) -> LabelImage:
     return image
 
 
-def _label_mixtures(images: Sequence[LabelImage]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
-    """Return the index of each pixel's mixture of labels, and the mixtures, (n, layers)."""
-    counts = [int(image.max()) + 1 for image in images]
-    if np.prod([float(count) for count in counts]) <= _MAX_MIXTURES:
-        number = np.zeros(images[0].shape, np.intp)
-        for image, count in zip(images, counts, strict=True):
-            number *= count
-            number += image
-        grid = np.indices(counts).reshape(len(counts), -1).T
-        return number, np.ascontiguousarray(grid, np.uint8)
-    key = np.zeros(images[0].size, np.uint64)
-    for place, image in enumerate(images):
-        if place % 5 == 4:  # before the key overflows
-            key = np.unique(key, return_inverse=True)[1].astype(np.uint64)
-        key = key << np.uint64(8) | image.ravel()
-    _, first, number = np.unique(key, return_index=True, return_inverse=True)
-    return number.reshape(images[0].shape), np.stack([image.ravel()[first] for image in images], axis=-1)
+def _mixtures(images: Sequence[LabelImage]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the number of each pixel's mixture of labels, and a pixel of each mixture."""
+    number, count = np.zeros(images[0].shape, np.intp), 1
+    for image in images:
+        labels = int(image.max()) + 1
+        number *= labels
+        number += image
+        count *= labels
+        if count > _MAX_MIXTURES:
+            kept, found = np.unique(number, return_inverse=True)
+            number, count = found.reshape(number.shape), len(kept)
+    pixel = np.zeros(count, np.intp)
+    pixel[number.ravel()] = np.arange(number.size)
+    return number, pixel
 
 
-def _blend(
-    paints: Sequence[LayerPaint], bits: Sequence[int], labels: npt.NDArray[np.uint8]
-) -> tuple[Colours, Codes]:
-    """Return colour and code of each mixture of labels, (n, layers)."""
-    colour = np.zeros((len(labels), 3), np.float32)
-    alpha = np.zeros((len(labels), 1), np.float32)
-    mask = np.zeros(len(labels), np.uint32)
-    hashes = np.zeros(len(labels), np.uint32)
-    for place, (paint, bit) in enumerate(zip(paints, bits, strict=True)):
-        label = labels[:, place]
-        cover = np.where(label > 0, np.float32(paint.opacity), np.float32(0.0))[:, None]
-        colour += (paint.colours[label] - colour) * cover
-        alpha += (1.0 - alpha) * cover
-        mask |= np.where(label > 0, np.uint32(1 << bit), np.uint32(0))
-        hashes += label * _HASH_FACTORS[bit]
-    red, green, blue = np.rint(255.0 * colour).astype(np.uint32).T
-    packed = np.rint(255.0 * alpha[:, 0]).astype(np.uint32) << 24 | red << 16 | green << 8 | blue
+def _blend(paints: Mapping[int, LayerPaint], images: Sequence[LabelImage]) -> tuple[Colours, Codes]:
+    """Return colours and codes of the labels of layers, given by their bits."""
+    number, pixel = _mixtures(images)
+    colour = np.zeros((len(pixel), 4), np.float32)
+    mask, hashes = np.zeros(len(pixel), np.uint32), np.zeros(len(pixel), np.uint32)
+    for (bit, paint), image in zip(paints.items(), images, strict=True):
+        labels = image.ravel()[pixel]
+        cover = np.where(labels > 0, np.float32(paint.opacity), np.float32(0.0))[:, None]
+        colour += (np.insert(paint.colours, 3, 1.0, axis=1)[labels] - colour) * cover
+        mask |= (labels > 0).astype(np.uint32) << np.uint32(bit)
+        hashes += labels * _HASH_FACTORS[bit]
+    red, green, blue, alpha = np.rint(255.0 * colour).astype(np.uint32).T
     hashes = (hashes ^ hashes >> np.uint32(13)) * np.uint32(2246822519)
-    return packed, mask | hashes & _HASH_BITS
+    return (alpha << 24 | red << 16 | green << 8 | blue)[number], (mask | hashes & _HASH_BITS)[number]
 
 
 _UNDERLYING = 0.35  # strength of a hatch below another layer

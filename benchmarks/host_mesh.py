@@ -149,13 +149,14 @@ def _mesh_heights(size: int) -> tuple[Any, ...]:
 
 def _cell_borders(size: int) -> tuple[Any, ...]:
     table, place, third, _ = _places(size)
-    owner = mesh_nodes.owner_index(place, table.site_x.shape[1]).astype(np.int32)
-    owner[owner % 5 == 0] = -1
-    return table, _RULE, place, third, owner, _empty(size, size), _empty(size, size)
+    number = np.arange(table.site_x.size, dtype=np.int32).reshape(table.site_x.shape)
+    number[number % 5 == 0] = -1
+    owner, boxes = np.empty((size, size), np.int32), _integers(number.size, 4)
+    return table, _RULE, place, third, number, owner, _empty(size, size), _empty(size, size), boxes
 
 
-def _drain_cell(size: int) -> tuple[Any, ...]:
-    """Return a disc; small ones are drained as the coarsest level, others from a coarser one."""
+def _drain_cells(size: int) -> tuple[Any, ...]:
+    """Return a disc after a cell without nodes; small ones are drained as the coarsest level."""
     random, side = np.random.default_rng(7), size + 2
     away = np.hypot(*np.indices((side, side)) - side // 2) / (size / 2)
     owner = np.where(away < 0.9, 1, -1).astype(np.int32)
@@ -163,13 +164,13 @@ def _drain_cell(size: int) -> tuple[Any, ...]:
     uplift, inflow = random.uniform(0.0, 0.5, (side, side)), np.zeros((side, side))
     boxes = np.array([[0, 0, 0, 0], [1, 1, size + 1, size + 1]])
     cells = CellNodes(2, -20, 30, owner, base, uplift, uplift / (2.7 + uplift), inflow, boxes)
-    start = np.empty((0, 0))
-    if size > 8:
-        start = random.uniform(0.0, 90.0, (size // 2, size // 2))
-        start[random.random(start.shape) < 0.2] = np.nan
-    given = cells, 1, 1, 1, start, 16, -10, 30.0, 5, 16, 0.3, 1.5
-    heights, others = (np.empty((2, size, size), kind) for kind in (np.float64, np.float32))
-    return *given, *heights, *others, np.zeros((19, side, side))
+    half = size // 2 if size > 8 else 0
+    start = random.uniform(0.0, 90.0, half * half)
+    start[random.random(start.shape) < 0.2] = np.nan
+    starts = np.array([[0, 0, 0, 0], [half, half, 16, -10]])
+    given = cells, start, starts, 30.0, np.array([5, 5]), 16, 0.3, 1.5
+    heights, others = (np.empty((2, size * size), kind) for kind in (np.float64, np.float32))
+    return *given, *heights, *others, np.zeros(19 * side * side)
 
 
 def _paste_cell(size: int) -> tuple[Any, ...]:
@@ -230,7 +231,7 @@ SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
     "cell_bounds": _cell_bounds,
     "mesh_heights": _mesh_heights,
     "cell_borders": _cell_borders,
-    "drain_cell": _drain_cell,
+    "drain_cells": _drain_cells,
     "paste_cell": _paste_cell,
     "uneven_noise": lambda size: (-9, 4, 31, 9, 0.6, np.zeros((size, size))),
     "feature_nearness": lambda size: (*_features(size), 1.2, np.full((size, size), -9.0)),

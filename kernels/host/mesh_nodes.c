@@ -139,11 +139,28 @@ void mesh_heights(
 }
 
 void cell_borders(
-    const MeshTable *table, const PassRule *rule, int64_t rows, int64_t columns,
+    const MeshTable *table, const PassRule *rule, int64_t rows, int64_t columns, int64_t count,
     const int32_t place[restrict rows][columns][5], const double third[restrict rows][columns],
-    const int32_t owner[restrict rows][columns], double base[restrict rows][columns],
-    double inflow[restrict rows][columns])
+    const int32_t number[restrict table->rows + 1][table->columns + 1],
+    int32_t owner[restrict rows][columns], double base[restrict rows][columns],
+    double inflow[restrict rows][columns], int64_t boxes[restrict count][4])
 {
+    for (int64_t k = 0; k < count; k++)
+        for (int64_t side = 0; side < 4; side++)
+            boxes[k][side] = 0;
+    for (int64_t j = 0; j < rows; j++)
+        for (int64_t i = 0; i < columns; i++) {
+            const int32_t *at = place[j][i];
+            int32_t own = owner[j][i] = number[0][site_index(table, at[0], at[1], at[3])];
+            if (own < 0)
+                continue;
+            int64_t *box = boxes[own];
+            bool is_first = box[2] == 0;
+            box[0] = is_first ? j : box[0];
+            box[1] = is_first ? i : least_index(box[1], i);
+            box[2] = j + 1;
+            box[3] = greatest_index(box[3], i + 1);
+        }
     for (int64_t j = 0; j < rows; j++)
         for (int64_t i = 0; i < columns; i++) {
             base[j][i] = NAN;
@@ -185,18 +202,18 @@ static void pile_talus(
             }
 }
 
-void drain_cell(
-    const CellNodes *cells, int64_t number, int64_t south, int64_t west, int64_t start_rows,
-    int64_t start_columns, const double start[restrict start_rows][start_columns], int64_t start_row,
-    int64_t start_column, double finest, int64_t rounds, int64_t first_rounds, double first_uplift,
-    double talus, int64_t rows, int64_t columns, double height[restrict rows][columns],
-    double piled[restrict rows][columns], float area[restrict rows][columns],
-    float wet[restrict rows][columns], double scratch[restrict 19][rows + 2][columns + 2])
+/* Drain a cell with these rows and columns from a coarser level, whose place is one of `drain_cells`. */
+static void drain_cell(
+    const CellNodes *cells, int64_t number, const double *start, const int64_t place[4], double finest,
+    int64_t rounds, int64_t first_rounds, double first_uplift, double talus, int64_t rows, int64_t columns,
+    double height[restrict rows][columns], double piled[restrict rows][columns],
+    float area[restrict rows][columns], float wet[restrict rows][columns], double *reals)
 {
+    const int64_t south = cells->boxes[4 * number], west = cells->boxes[4 * number + 1];
     static const double nothing = NAN;
     const int64_t size = (rows + 2) * (columns + 2), nodes = rows * columns, width = columns + 2;
     const double spacing = finest * (double)(INT64_C(1) << cells->level);
-    double *reals = scratch[0][0], *uplift = reals + 15 * size;
+    double *uplift = reals + 15 * size;
     double *repose = uplift + nodes, *rain = repose + nodes, *base = rain + nodes;
     const DrainageRasters rasters = {
         rows + 2, width, spacing, 1.0 / (finest * finest), reals, (void *)(reals + 11 * size),
@@ -212,12 +229,12 @@ void drain_cell(
         rain[at] = spacing * spacing;
         course[at] = -1;
     }
-    const bool is_first = start_rows * start_columns == 0;
+    const bool is_first = place[0] * place[1] == 0;
     pack_drainage(
-        &rasters, is_first ? 1 : start_rows, is_first ? 1 : start_columns, (void *)uplift, (void *)repose,
+        &rasters, is_first ? 1 : place[0], is_first ? 1 : place[1], (void *)uplift, (void *)repose,
         (void *)rain, (void *)base, (void *)domain, course, (void *)base,
-        is_first ? (const void *)&nothing : start, cells->row + south, cells->column + west, cells->level,
-        start_row, start_column);
+        (const void *)(is_first ? &nothing : start), cells->row + south, cells->column + west, cells->level,
+        place[2], place[3]);
     if (is_first) {
         for (int64_t at = 0; at < size; at++)
             reals[at] = first_uplift;
@@ -237,6 +254,28 @@ void drain_cell(
         }
     pile_talus(rows, columns, piled, (void *)base, (void *)repose, talus * spacing);
     wetness(rows, columns, piled, (void *)areas, spacing, finest, wet, (void *)reals);
+}
+
+void drain_cells(
+    const CellNodes *cells, int64_t coarse_nodes, const double coarse[restrict coarse_nodes],
+    const int64_t starts[restrict cells->count][4], double finest,
+    const int64_t rounds[restrict cells->count], int64_t first_rounds, double first_uplift, double talus,
+    int64_t nodes, double height[restrict nodes], double piled[restrict nodes], float area[restrict nodes],
+    float wet[restrict nodes], int64_t room, double scratch[restrict room])
+{
+    for (int64_t k = 0; k < cells->count; k++) {
+        const int64_t *box = cells->boxes + 4 * k, *from = starts[k];
+        int64_t rows = box[2] - box[0], columns = box[3] - box[1];
+        if (rows > 0)
+            drain_cell(
+                cells, k, coarse, from, finest, rounds[k], first_rounds, first_uplift, talus, rows, columns,
+                (void *)height, (void *)piled, (void *)area, (void *)wet, scratch);
+        coarse += from[0] * from[1];
+        height += rows * columns;
+        piled += rows * columns;
+        area += rows * columns;
+        wet += rows * columns;
+    }
 }
 
 void paste_cell(

@@ -12,6 +12,7 @@
 typedef struct {
     int64_t rows;
     int64_t columns;
+    int64_t count; /* of cells */
     int64_t level;
     int64_t column;
     int64_t row;
@@ -20,6 +21,7 @@ typedef struct {
     const double *uplift; /* [rows][columns] */
     const double *repose; /* [rows][columns] */
     const double *inflow; /* [rows][columns], area that drains from other cells into nodes on borders, m² */
+    const int64_t *boxes; /* [count][4], first row and column and ends of each cell, 0 of one without nodes */
 } CellNodes;
 
 /* Places of nodes, from node (column, row) on, on borders that are displaced by noise. The third barycentric
@@ -45,31 +47,32 @@ HOST void mesh_heights(
     const double away[restrict rows][columns],
     double height[restrict rows][columns]); /* m */
 
-/* Heights of edges and areas that drain into them from above, at nodes that have an 8-neighbour of another
- * cell; others, and those of no cell, get NaN and 0. */
+/* Owners of nodes and boxes of cells, as in `CellNodes`. Heights of edges and areas that drain into them from
+ * above, at nodes that have an 8-neighbour of another cell; others, and those of no cell, get NaN and 0. */
 HOST void cell_borders(
-    const MeshTable *table, const PassRule *rule, int64_t rows, int64_t columns,
+    const MeshTable *table, const PassRule *rule, int64_t rows, int64_t columns, int64_t count,
     const int32_t place[restrict rows][columns][5], const double third[restrict rows][columns],
-    const int32_t owner[restrict rows][columns],
+    const int32_t number[restrict table->rows + 1][table->columns + 1], /* of the cell of each site, or -1 */
+    int32_t owner[restrict rows][columns],
     double base[restrict rows][columns], /* m */
-    double inflow[restrict rows][columns]); /* m² */
+    double inflow[restrict rows][columns], /* m² */
+    int64_t boxes[restrict count][4]);
 
-/* Drain a cell alone; its rectangle of nodes begins at (south, west) of the rasters. */
-HOST void drain_cell(
-    const CellNodes *cells, int64_t number, int64_t south, int64_t west,
-    int64_t start_rows, int64_t start_columns,
-    const double start[restrict start_rows][start_columns], /* of the next coarser level, m; or none */
-    int64_t start_row, int64_t start_column, /* of its first node, in nodes of that level */
+/* Drain cells, each alone. Arrays of nodes hold one cell's box after the other. */
+HOST void drain_cells(
+    const CellNodes *cells, int64_t coarse_nodes,
+    const double coarse[restrict coarse_nodes], /* heights at the next coarser level, m */
+    const int64_t starts[restrict cells->count][4], /* its rows and columns (none: 0), first row and column */
     double finest, /* spacing of level 0, m */
-    int64_t rounds,
+    const int64_t rounds[restrict cells->count],
     int64_t first_rounds, double first_uplift, /* before, where there is no coarser level: even uplift */
     double talus, /* greatest slope below passes, over that of hillslopes */
-    int64_t rows, int64_t columns,
-    double height[restrict rows][columns], /* m, NaN outside of the cell, as all others 0 */
-    double piled[restrict rows][columns], /* the same with talus */
-    float area[restrict rows][columns], /* m² */
-    float wet[restrict rows][columns], /* 0 … 1 */
-    double scratch[restrict 19][rows + 2][columns + 2]);
+    int64_t nodes,
+    double height[restrict nodes], /* m, NaN outside of the cell, as all others 0 */
+    double piled[restrict nodes], /* the same with talus */
+    float area[restrict nodes], /* m² */
+    float wet[restrict nodes], /* 0 … 1 */
+    int64_t room, double scratch[restrict room]); /* 19 (rows + 2) (columns + 2) of the largest cell */
 
 /* Copy the nodes of a cell into a window, where its first one is (row, column). */
 HOST void paste_cell(

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import find_objects
 
 from sketchterrain.array_types import Float64Array, Int32Array, Int64Array
 from sketchterrain.host.library import host_function
@@ -47,15 +46,6 @@ def owner_index(place: Int32Array, stride: int) -> Int64Array:
     """Return each node's cell: row · stride + column of its site in the table."""
     row, column, _, first, _ = np.moveaxis(place, -1, 0)
     return np.asarray((row + CORNER_Y[first]) * stride + column + CORNER_X[first])
-
-
-def boxes(owner: Int32Array, count: int) -> Int64Array:
-    """Return first row, first column, end row, end column of each cell; 0 of one without nodes."""
-    found = np.zeros((count, 4), np.int64)
-    for number, box in enumerate(find_objects(owner + 1, max_label=count)):
-        if box is not None:
-            found[number] = box[0].start, box[1].start, box[0].stop, box[1].stop
-    return found
 
 
 def quads_of_nodes(level: int, column: int, row: int, rows: int, columns: int) -> tuple[int, int, int, int]:

@@ -78,8 +78,7 @@ class PaintedRegion:
     border: Float64Array  # heights (m) of nodes with an 8-neighbour outside, NaN elsewhere
 
 
-@dataclass(frozen=True, eq=False)
-class _Cell:
+class _Cell(NamedTuple):
     """A drained cell at one level: its rectangle of nodes, NaN outside of the cell."""
 
     column: int
@@ -265,22 +264,24 @@ class UnpaintedGround:
             coarser = {site: self._cells.get((level + 1, *site)) for site in sites}
             missing = [site for site in sites if coarser[site] is None]
             coarser |= self._drain_group(level + 1, missing) if missing else {}
-        finest, nodes, result = self.settings.spacing, self._cells_of(level, sites), {}
-        for number, (site, box) in enumerate(zip(sites, nodes.boxes.tolist(), strict=True)):
-            if not any(box):
-                result[site] = self._cells.store((level, *site), _NOTHING)
-                continue
-            start = coarser.get(site, _NOTHING)
-            rows, columns = box[2] - box[0], box[3] - box[1]
-            kinds = np.float64, np.float64, np.float32, np.float32
-            fields = tuple(np.empty((rows, columns), kind) for kind in kinds)
-            given = nodes, number, box[0], box[1], start.drained, start.row, start.column, finest
-            rounds = BARE_ROUNDS[start.levels], FIRST_ROUNDS, FIRST_UPLIFT
-            scratch = np.empty((19, rows + 2, columns + 2))
-            host_function("drain_cell")(*given, *rounds, _TALUS, *fields, scratch)
-            if level == 0:  # there is no finer one
-                fields = fields[0][:0].copy(), *fields[1:]
-            cell = _Cell(nodes.column + box[1], nodes.row + box[0], start.levels + 1, *fields)
+        nodes, starts = self._cells_of(level, sites), [coarser.get(site, _NOTHING) for site in sites]
+        sides = nodes.boxes[:, 2:] - nodes.boxes[:, :2]
+        ends, room = np.cumsum(sides.prod(axis=1)).tolist(), 19 * int((sides + 2).prod(axis=1).max())
+        before = np.concatenate([start.drained.ravel() for start in starts])
+        places = np.array([(*start.drained.shape, start.row, start.column) for start in starts])
+        given = nodes, before, places, self.settings.spacing
+        rounds = np.array([BARE_ROUNDS[start.levels] for start in starts]), FIRST_ROUNDS, FIRST_UPLIFT
+        found = *np.empty((2, ends[-1])), *np.empty((2, ends[-1]), np.float32)
+        host_function("drain_cells")(*given, *rounds, _TALUS, *found, np.empty(room))
+        result = {}
+        for site, start, end, box in zip(sites, starts, ends, nodes.boxes.tolist(), strict=True):
+            cell, shape = _NOTHING, (box[2] - box[0], box[3] - box[1])
+            if any(box):
+                part = slice(end - shape[0] * shape[1], end)
+                drained, *fields = (each[part].reshape(shape) for each in found)
+                fields.insert(0, drained if level else drained[:0])  # there is no finer one
+                place = nodes.column + box[1], nodes.row + box[0], start.levels + 1
+                cell = _Cell(*place, *(each.copy() for each in fields))
             result[site] = self._cells.store((level, *site), cell)
         return result
 
@@ -297,11 +298,11 @@ class UnpaintedGround:
         # a node's cell as its place in the list of sites, −1 for others
         number = np.full(table.site_x.shape, -1, np.int32)
         number[at] = np.arange(len(sites))
-        owner = number.ravel()[mesh_nodes.owner_index(place, table.site_x.shape[1])]
+        owner, boxes = np.empty(shape, np.int32), np.empty((len(sites), 4), np.int64)
         base, inflow = np.empty((2, *shape))
-        host_function("cell_borders")(table, self._passes, place, third, owner, base, inflow)
+        given = table, self._passes, place, third, number
+        host_function("cell_borders")(*given, owner, base, inflow, boxes)
         fields = self.uplift(level, column, row, *shape)
-        boxes = mesh_nodes.boxes(owner, len(sites))
         return CellNodes(level, column, row, owner, base, fields.uplift, fields.repose, inflow, boxes)
 
     def uplift(self, level: int, column: int, row: int, rows: int, columns: int) -> UpliftNodes:

@@ -81,12 +81,17 @@ def compile_library(
     if zig:
         command.append("-fno-sanitize=undefined")
     command += [*flags, *compiler[own:]]  # last, so that a user's override
-    with TemporaryDirectory(dir=target.parent) as folder:
+    with TemporaryDirectory(dir=target.parent) as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
+
+        def run(arguments: list[str]) -> None:
+            done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)  # noqa: S603
+            if done.returncode:
+                raise RuntimeError(f"{shlex.join([*command, *arguments])}: {done.stderr.strip()}")
+
+        objects = {str(path): f"{folder}/{path.stem}.o" for path in sorted(sources.glob("*.c"))}
+        list(pool.map(run, (["-c", source, "-o", path] for source, path in objects.items())))
         built = Path(folder) / target.name
-        command += [*map(str, sorted(sources.glob("*.c"))), "-o", str(built), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-        if done.returncode:
-            raise RuntimeError(f"{shlex.join(command)}: {done.stderr.strip()}")
+        run([*objects.values(), "-o", str(built), "-lm"])
         built.replace(target)
 
 

@@ -16,14 +16,13 @@ import numpy as np
 from sketchterrain.array_types import Float64Array
 from sketchterrain.document.rasters import RASTER, RasterSource, content_hash, raster_problem
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line
-from sketchterrain.features.table import Feature
+from sketchterrain.features.table import Feature, checked_properties
 from sketchterrain.io.files import too_large, wrap_read_errors
 from sketchterrain.schema.parameters import (
     FRAME,
     Parameter,
     Properties,
     Sentinel,
-    Value,
     check_items,
     check_values,
     defaults,
@@ -322,19 +321,3 @@ def draped_feature(geometry: BaseGeometry, properties: Mapping[str, Any], name: 
     if shapely.get_type_id(geometry) not in _SHAPES or geometry.is_empty or not is_finite:
         raise InputError(f"drape.edit.geometry = {one_line(geometry)[:60]}: expected points, lines or areas")
     return Feature.from_geometry(geometry, checked_properties(properties), name)
-
-
-def checked_properties(properties: Mapping[str, Any]) -> dict[str, Value]:
-    """Return the properties that have values; raise InputError if a GeoPackage could not have one."""
-    checked = dict[str, Value]()
-    for name, value in properties.items():
-        if not isinstance(name, str) or not 0 < len(name) <= 200:
-            what = f"expected names of 1 to 200 characters, got {format_value(name)}"
-            raise InputError(f"drape.edit.properties: {what}")
-        if value is None or value != value:  # NaN
-            continue
-        if not isinstance(value, float | str) and not (isinstance(value, int) and abs(value) < 1 << 63):
-            what = f"{one_line(name)} = {format_value(value)}: expected a number or text"
-            raise InputError(f"drape.edit.properties.{what}")
-        checked[name] = int(value) if isinstance(value, bool) else value
-    return checked

@@ -24,6 +24,7 @@ from sketchterrain.features.files import find_driver
 from sketchterrain.features.items import FILL, Items
 from sketchterrain.features.levels import Level, level_of
 from sketchterrain.features.picking import PICK
+from sketchterrain.features.table import VectorLayer
 from sketchterrain.schema.parameters import Properties
 
 BUDGET: Final = 24 << 20
@@ -203,9 +204,9 @@ class Drapes:
         for layer, source in zip(self.layers, self.sources, strict=True):
             if isinstance(source, VectorSource):
                 notes += [f"{layer.title}: {note}" for note in _store_notes(layer, source)]
-            if isinstance(source, VectorSource) and source.store.left_out:
+            if isinstance(source, VectorSource) and source.facts["left_out"]:
                 reason = f"they lie farther than {FARTHEST:g} times the extent, or cannot be projected"
-                notes.append(f"{layer.title}: {source.store.left_out} features left out: {reason}")
+                notes.append(f"{layer.title}: {source.facts['left_out']} features left out: {reason}")
             elif source is not None and not _near(source.box[None], (0.0, 0.0, east, north), 0.0)[0]:
                 notes.append(f"{layer.title}: nothing of it lies in the sketch")
         return tuple(notes)
@@ -319,7 +320,7 @@ class Drapes:
             if (
                 isinstance(new, VectorSource)
                 and isinstance(before, VectorSource)
-                and new.store is before.store
+                and new.facts is before.facts
             ):
                 without = left_out[1] if left_out and left_out[0] == number else None
                 boxes.append(self._widened(number, new.changed_boxes(before, without=without)))
@@ -399,27 +400,29 @@ class Drapes:
     def features(self, layer: int, box: Bounds) -> Int64Array:
         """Return the ids of a layer's features near a box (m), ascending."""
         source = self.sources[layer]
-        return source.features(box) if isinstance(source, VectorSource) else np.zeros(0, np.int64)
+        return source.table.touching(box) if isinstance(source, VectorSource) else np.zeros(0, np.int64)
 
-    def table(self, layer: int) -> VectorSource:
+    def table(self, layer: int) -> VectorLayer:
         """Return the features of a layer by its number; raise InputError if it is no vector layer."""
         source = self.sources[layer] if 0 <= layer < len(self.sources) else None
         if not isinstance(source, VectorSource):
             raise InputError(f"draped layer {layer}: expected features")
-        return source
+        return source.table
 
 
 def _store_notes(layer: DrapedLayer, source: VectorSource) -> Iterator[str]:
     """Yield what of a layer's file is not shown."""
-    store = source.store
-    if not layer["table"] and len(store.tables) > 1:
-        shown, *others = map(format_value, store.tables)
+    facts = source.facts
+    if not layer["table"] and len(facts["tables"]) > 1:
+        shown, *others = map(format_value, facts["tables"])
         yield f"of its tables {shown} is shown; table= selects another: {first_few(others, _MAX_NAMES)}"
-    if store.empty:
-        yield f"{store.empty} of {store.count} features have no geometry, or are damaged"
-    if ids := list(map(str, store.incomplete)):
+    if facts["empty"]:
+        yield f"{facts['empty']} of {facts['features']} features have no geometry, or are damaged"
+    if ids := list(map(str, facts["incomplete"])):
         yield f"areas with missing ways are absent or wrong: relations {first_few(ids, _MAX_NAMES)}"
-    names = store.fields.keys() | {name for edit in layer.edits.values() if edit for name in edit.properties}
+    names = source.table.columns.keys() | {
+        name for edit in layer.edits.values() if edit for name in edit.properties
+    }
     styles = [layer.style_of(number) for number in range(-1, len(layer.classes))]
     for key, value in {("by", layer["by"]), *(("label", str(style["label"])) for style in styles)}:
         if value and value not in names:

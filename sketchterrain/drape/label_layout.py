@@ -190,7 +190,7 @@ class LabelCandidates:
         number = feature >> _ID_BITS
         layer = self.layers[number]
         table, name = self._drapes.table(number), feature & ((1 << _ID_BITS) - 1)
-        geometry, properties = table.geometry(name), table.properties(name)
+        geometry, properties = table.geometry(name), table.feature(name).properties
         number = layer.class_numbers.get(class_value(properties.get(layer["by"])), -1)
         style = layer.style_of(number)
         label = Label(label_text(properties.get(style["label"])), number)

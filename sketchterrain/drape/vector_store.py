@@ -1,9 +1,9 @@
-"""Vector files as stores on disk: geometries in metres of the sketch, properties, and levels of items."""
+"""Tables of draped files on disk, mapped into memory: in metres of the sketch, with levels of items."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,13 +17,12 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.warp import transform
 
-from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.array_types import Float64Array
 from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.document.rasters import content_hash
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.features.files import (
     FileTable,
-    Shapes,
     VectorFile,
     layer_crs,
     open_vector_file,
@@ -39,6 +38,7 @@ from sketchterrain.features.levels import (
     split_shapes,
 )
 from sketchterrain.features.osm_relations import incomplete_areas
+from sketchterrain.features.table import NO_INTEGER, Rings, Shapes, Texts, VectorLayer
 from sketchterrain.io.crs import parse_crs
 from sketchterrain.io.disk_cache import stored_folder
 from sketchterrain.io.files import wrap_read_errors
@@ -46,7 +46,7 @@ from sketchterrain.io.files import wrap_read_errors
 FARTHEST: Final = 64.0
 """Extents of a sketch from it beyond which features are left out."""
 
-_FORMAT: Final = 5  # of stores
+_FORMAT: Final = 6  # of stores
 _LEVELS: Final = 16
 _SHRINK: Final = 0.7  # of the points of a finer level: a level with more is not stored
 _CHUNK: Final = 1 << 22  # bytes of a file that are read at once
@@ -54,8 +54,15 @@ _READ_WHOLE: Final = ("GeoJSON", "OSM")  # by GDAL, each time: more at once
 _MOST_PER_BYTE: Final = 1000  # features, of a file, which may be compressed
 _BATCH: Final = 1 << 14  # items that are sorted into place at once
 _FACTS: Final = "facts.json"
-_NULL: Final = b"\xff"  # in texts, which are UTF-8
-_NO_INTEGER: Final = np.iinfo(np.int64).min
+_COLUMNS: Final = {
+    "vertices": np.float64,
+    "rings": np.int64,
+    "parts": np.int64,
+    "begins": np.bool_,
+    "kinds": np.uint8,
+    "ids": np.int64,
+}
+_COLLECTION: Final = 7  # shapely's type id
 _FAR: Final = np.array([80.0, 85.0])  # degrees from a sketch, of points that have no place in its frame
 
 
@@ -126,17 +133,6 @@ def _transformed(points: Float64Array, source: CRS, target: CRS) -> Float64Array
     return result
 
 
-class _Texts:
-    """Byte strings, one after the other."""
-
-    def __init__(self, content: npt.NDArray[np.uint8], ends: Int64Array) -> None:
-        self._content, self._ends = content, ends
-
-    def __getitem__(self, number: int) -> bytes:
-        start = self._ends[number - 1] if number else 0
-        return self._content[start : self._ends[number]].tobytes()
-
-
 class _Arrays:
     """Arrays in a folder, a file each: appended to, and then mapped into memory."""
 
@@ -149,11 +145,14 @@ class _Arrays:
             self._streams[name] = (self._folder / name).open("wb")
         self._streams[name].write(array.tobytes())
 
-    def add_texts(self, name: str, texts: list[bytes]) -> None:
-        """Append byte strings."""
-        start = self._streams[name].tell() if name in self._streams else 0
-        self.add(name, np.frombuffer(b"".join(texts), np.uint8))
-        self.add(f"{name}.ends", start + np.cumsum([len(text) for text in texts], dtype=np.int64))
+    def add_texts(self, name: str, texts: list[str]) -> None:
+        """Append texts."""
+        start, encoded = (
+            self._streams[name].tell() if name in self._streams else 0,
+            list(map(str.encode, texts)),
+        )
+        self.add(name, np.frombuffer(b"".join(encoded), np.uint8))
+        self.add(f"{name}.ends", start + np.cumsum(list(map(len, encoded)), dtype=np.int64))
 
     def close(self) -> None:
         """Write what was appended."""
@@ -167,61 +166,15 @@ class _Arrays:
         found = np.zeros(0, dtype) if is_empty else np.asarray(np.memmap(path, dtype, "r"))
         return found.reshape(-1, columns) if columns else found
 
-    def texts(self, name: str) -> _Texts:
-        """Return byte strings."""
-        return _Texts(self.array(name, np.uint8), self.array(f"{name}.ends", np.int64))
+    def texts(self, name: str) -> Texts:
+        """Return texts."""
+        return Texts(self.array(name, np.uint8), self.array(f"{name}.ends", np.int64))
 
 
-class VectorStore:
-    """Features of a table of a vector file, by number in the order of the file."""
-
-    def __init__(self, folder: Path) -> None:
-        facts = json.loads((folder / _FACTS).read_text(encoding="utf-8"))
-        arrays = _Arrays(folder)
-        self.count: int = facts["features"]
-        self.fields: dict[str, str] = facts["fields"]
-        self.left_out: int = facts["left_out"]
-        self.empty: int = facts["empty"]  # features without a geometry, or damaged
-        self.tables: list[str] = facts["tables"]
-        self.incomplete: list[int] = facts["incomplete"]  # relations of OpenStreetMap
-        self.box = np.array(facts["box"], np.float64)
-        self.levels = tuple(
-            Level(
-                tolerance,
-                arrays.array(f"items{number}", ITEM),
-                arrays.array(f"points{number}", np.float64, 2),
-                arrays.array(f"groups{number}", np.float32, 4),
-            )
-            for number, tolerance in enumerate(facts["levels"])
-        )
-        self._geometry = arrays.texts("geometry")
-        self._columns = {
-            name: arrays.texts(f"column{at}") if kind == "text" else arrays.array(f"column{at}", kind)
-            for at, (name, kind) in enumerate(self.fields.items())
-        }
-
-    def geometries(self, ids: Iterable[int]) -> Shapes:
-        """Return geometries in metres of the sketch; None of features without one, or without a place."""
-        content = [self._geometry[each] or None for each in ids]
-        return np.asarray(shapely.from_wkb(np.array(content, object)))
-
-    def values(self, name: str, ids: Sequence[int]) -> list[int | float | str | None]:
-        """Return a property of features; all None if there is no such property."""
-        column = self._columns.get(name)
-        if column is None:
-            return [None] * len(ids)
-        if isinstance(column, _Texts):
-            return [None if (text := column[each]) == _NULL else text.decode() for each in ids]
-        found = column[np.asarray(ids, np.int64)].tolist()
-        return [None if each != each or each == _NO_INTEGER else each for each in found]
-
-    def properties(self, number: int) -> dict[str, int | float | str | None]:
-        """Return all properties of a feature."""
-        return {name: self.values(name, [number])[0] for name in self.fields}
-
-
-def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> VectorStore:
-    """Return the store of a layer's file, which is built once; raise InputError if it cannot be read."""
+def open_table(
+    layer: DrapedLayer, frame: Mapping[str, Any], extent: float
+) -> tuple[dict[str, Any], VectorLayer]:
+    """Return facts about a layer's file, and its table, which is stored once; raise InputError."""
     with wrap_read_errors(Path(layer.path)):
         digest = content_hash(layer.file)
     place = [str(frame[name]) for name in ("crs", "east", "north")]
@@ -232,7 +185,25 @@ def open_store(layer: DrapedLayer, frame: Mapping[str, Any], extent: float) -> V
             projection = FileProjection(crs, frame, file.place)
             _build(file, table, projection, extent, folder)
 
-    return VectorStore(stored_folder("drape", key, build))
+    folder = stored_folder("drape", key, build)
+    facts = json.loads((folder / _FACTS).read_text(encoding="utf-8"))
+    stored = _Arrays(folder)
+    levels = tuple(
+        Level(
+            tolerance,
+            stored.array(f"items{number}", ITEM),
+            stored.array(f"points{number}", np.float64, 2),
+            stored.array(f"groups{number}", np.float32, 4),
+        )
+        for number, tolerance in enumerate(facts["levels"])
+    )
+    columns = {
+        name: stored.texts(f"column{at}") if kind == "text" else stored.array(f"column{at}", kind)
+        for at, (name, kind) in enumerate(facts["fields"].items())
+    }
+    arrays = {name: stored.array(name, dtype, 2 * (name == "vertices")) for name, dtype in _COLUMNS.items()}
+    mixed = {int(name): bytes.fromhex(text) for name, text in facts["mixed"].items()}
+    return facts, VectorLayer.mapped(arrays, columns, levels=levels, count=facts["features"], mixed=mixed)
 
 
 def placed(wkb: Shapes, projection: FileProjection) -> Shapes:
@@ -257,12 +228,27 @@ def _build(
         step = max(1, table.features * at_once // max(file.nbytes, 1))
         fields = {name: _stored_kind(dtype) for name, dtype in table.fields.items()}
         tolerances, left_out, empty, boxes = list[float](), 0, 0, [np.full((1, 4), np.nan)]
+        mixed, ends = dict[int, str](), np.zeros(2, np.int64)
+        for name in ("rings", "parts"):
+            arrays.add(name, ends[:1])
         for first in range(0, max(table.features, 1), step):
             wkb, values, _ = table.read(first, step)
             shapes = placed(wkb, projection)
-            arrays.add_texts("geometry", [text or b"" for text in shapely.to_wkb(shapes).tolist()])
+            rings = Rings.of_shapes(shapes)
+            rows = np.flatnonzero(rings.kinds >= 0)
+            counts = np.bincount(rings.ring, minlength=len(rings.feature)), np.bincount(rings.feature)[rows]
+            for name, end, count in zip(("rings", "parts"), ends, counts, strict=True):
+                arrays.add(name, end + np.cumsum(count, dtype=np.int64))
+            ends += [len(rings.ring), len(rings.feature)]
+            own = {"vertices": rings.vertices, "begins": rings.begins, "ids": first + rows}
+            for name, array in {**own, "kinds": rings.kinds[rows].astype(np.uint8)}.items():
+                arrays.add(name, array)
             for at, (name, kind) in enumerate(fields.items()):
-                _add_column(arrays, f"column{at}", kind, values[name])
+                _add_column(arrays, f"column{at}", kind, values[name][rows])
+            several = np.flatnonzero(shapely.get_type_id(shapes) == _COLLECTION)
+            mixed |= dict(
+                zip((first + several).tolist(), shapely.to_wkb(shapes[several], hex=True), strict=True)
+            )
             bounds, limit = shapely.bounds(shapes), FARTHEST * extent
             near = (bounds[:, :2] <= limit).all(axis=1) & (bounds[:, 2:] >= -limit).all(axis=1)
             lost = [each is not None and shape is None for each, shape in zip(wkb, shapes, strict=True)]
@@ -283,7 +269,7 @@ def _build(
     facts = {"features": table.features, "left_out": left_out, "empty": empty, "tables": file.tables}
     is_relations = file.driver == "OSM" and table.name == "multipolygons"
     incomplete = sorted(incomplete_areas(Path(file.dataset), (), None).ids) if is_relations else []
-    facts |= {"fields": fields, "box": box, "incomplete": incomplete}
+    facts |= {"fields": fields, "box": box, "incomplete": incomplete, "mixed": mixed}
     (folder / _FACTS).write_text(json.dumps(facts | {"levels": tolerances}), encoding="utf-8")
 
 
@@ -328,8 +314,8 @@ def _stored_kind(dtype: str) -> str:
 
 def _add_column(arrays: _Arrays, name: str, kind: str, values: npt.NDArray[Any]) -> None:
     if kind == "text":
-        texts = [_NULL if each is None else str(each).encode() for each in values.tolist()]
+        texts = ["" if each is None else str(each) for each in values.tolist()]
         return arrays.add_texts(name, texts)
     if kind == "int64" and values.dtype.kind == "f":  # NaN: missing
-        values = np.where(np.isnan(values), _NO_INTEGER, np.nan_to_num(values).astype(np.int64))
+        values = np.where(np.isnan(values), NO_INTEGER, np.nan_to_num(values).astype(np.int64))
     return arrays.add(name, values.astype(kind))

@@ -54,13 +54,15 @@ def draped_shapes(drapes: Drapes | None, terrain: Terrain, bounds: Bounds, cell:
     found = []
     for layer, source in zip(drapes.layers, drapes.sources, strict=True):
         if layer["visible"] and isinstance(source, VectorSource):
-            ids = source.features(bounds).tolist()
-            shapes = valid_areas(np.fromiter(map(source.geometry, ids), object, len(ids)))
+            table = source.table
+            ids = table.touching(bounds).tolist()
+            shapes = valid_areas(np.fromiter(map(table.geometry, ids), object, len(ids)))
             shapes = shapely.clip_by_rect(shapes, *bounds)
             kept = np.flatnonzero(~shapely.is_empty(shapes)).tolist()
             ids = [ids[each] for each in kept]
             ground = _on_ground(shapes[kept], terrain, cell)
-            found.append(DrapedShapes(layer, ids, ground, [dict(source.properties(each)) for each in ids]))
+            values = [{**dict.fromkeys(table.columns), **table.feature(each).properties} for each in ids]
+            found.append(DrapedShapes(layer, ids, ground, values))
     return found
 
 

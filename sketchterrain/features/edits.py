@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +14,7 @@ from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.errors import InputError
 from sketchterrain.features.table import (
     AREA,
+    DRAPED,
     LINE,
     POINT,
     Feature,
@@ -26,25 +26,6 @@ from sketchterrain.features.table import (
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.schema.layers import WAY_LAYERS
 from sketchterrain.schema.parameters import Value
-
-DRAPED: Final = "drape"
-"""The name of draped layers in `to_text`."""
-
-
-class Features(Protocol):
-    """Features by id, of a layer of the sketch or of a draped one."""
-
-    def feature(self, name: int, /) -> Feature:
-        """Return a feature by its id."""
-
-    def features_at(self, x: float, y: float, /) -> Iterable[Feature]:
-        """Return the features with a vertex at a position (m)."""
-
-    def edited(self, remove: Sequence[int] = (), add: Sequence[Feature] = ()) -> Self:
-        """Return the table without some features, and with others, in their places or appended."""
-
-
-Table = TypeVar("Table", bound=Features)
 
 
 def network_layers(name: str) -> tuple[str, ...]:
@@ -103,13 +84,15 @@ def rebuilt(feature: Feature, vertices: Float64Array, ring: Int64Array) -> Featu
     return replace(feature, rings=tuple(rings), parts=tuple(parts)) if rings else None
 
 
-def with_places(table: Table, name: int, places: Float64Array) -> Table:
+def with_places(table: VectorLayer, name: int, places: Float64Array) -> VectorLayer:
     """Move the vertices of a feature, but not their nodes, to positions (n, 2), m."""
     feature = table.feature(name)
     return _with_vertices(table, feature, places, ring_numbers(feature))
 
 
-def insert_vertices(table: Table, name: int, after: npt.ArrayLike, places: npt.ArrayLike) -> Table:
+def insert_vertices(
+    table: VectorLayer, name: int, after: npt.ArrayLike, places: npt.ArrayLike
+) -> VectorLayer:
     """Insert vertices at positions (n, 2), m, in a feature, each after one by its number; ascending."""
     feature, at = table.feature(name), np.asarray(after)
     if feature.kind == POINT:
@@ -119,7 +102,7 @@ def insert_vertices(table: Table, name: int, after: npt.ArrayLike, places: npt.A
     return _with_vertices(table, feature, vertices, np.insert(ring, at + 1, ring[at]))
 
 
-def delete_vertex(table: Table, name: int, index: int) -> Table:
+def delete_vertex(table: VectorLayer, name: int, index: int) -> VectorLayer:
     """Delete a vertex of a feature; what then has too few is deleted: a line, an area or a hole."""
     feature = table.feature(name)
     vertices, ring = np.concatenate(feature.rings), ring_numbers(feature)
@@ -128,12 +111,14 @@ def delete_vertex(table: Table, name: int, index: int) -> Table:
     return _with_vertices(table, feature, np.delete(vertices, index, axis=0), np.delete(ring, index))
 
 
-def _with_vertices(table: Table, feature: Feature, vertices: Float64Array, ring: Int64Array) -> Table:
+def _with_vertices(
+    table: VectorLayer, feature: Feature, vertices: Float64Array, ring: Int64Array
+) -> VectorLayer:
     changed = rebuilt(feature, vertices, ring)
     return table.edited([feature.id], [changed] if changed else [])
 
 
-def split_line(table: Table, name: int, index: int) -> Table:
+def split_line(table: VectorLayer, name: int, index: int) -> VectorLayer:
     """Split a line at one of its inner vertices into two that share it; the second one has the last id."""
     line = table.feature(name)
     if not _is_line(line) or not 0 < index < len(line.rings[0]) - 1:
@@ -146,7 +131,7 @@ def _is_line(feature: Feature) -> bool:
     return feature.kind == LINE and len(feature.rings) == 1
 
 
-def join_lines(table: Table, name: int, index: int | None = None) -> Table:
+def join_lines(table: VectorLayer, name: int, index: int | None = None) -> VectorLayer:
     """Join a line with the one that shares an end with it, that of vertex `index` if it is an end.
 
     Of several it is the one that continues it most nearly straight. The line keeps id, direction and
@@ -185,7 +170,7 @@ def change_layer(
     return source.edited(remove=[name]), target.edited(add=[feature])
 
 
-def reverse_line(table: Table, name: int) -> Table:
+def reverse_line(table: VectorLayer, name: int) -> VectorLayer:
     """Reverse the order of a line's vertices."""
     line = table.feature(name)
     if line.kind != LINE:
@@ -193,10 +178,10 @@ def reverse_line(table: Table, name: int) -> Table:
     return table.edited([name], [replace(line, rings=tuple(ring[::-1] for ring in line.rings))])
 
 
-def set_value(table: Table, name: int, key: str, value: Value | None) -> Table:
+def set_value(table: VectorLayer, name: int, key: str, value: Value | None) -> VectorLayer:
     """Set a property of a feature, or of the sketch's own its ``label``; None removes its own value."""
     feature = table.feature(name)
-    if key == "label" and isinstance(table, VectorLayer):
+    if key == "label" and table.layer != DRAPED:
         changed = replace(feature, label=int(value or 1))
     else:
         properties = {other: own for other, own in feature.properties.items() if other != key}

@@ -23,14 +23,11 @@ from rasterio.crs import CRS
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.errors import InputError, format_value, one_line, prefix_errors
-from sketchterrain.features.table import AREA, KINDS, LINE, Column, VectorLayer
+from sketchterrain.features.table import AREA, KINDS, LINE, Column, Shapes, VectorLayer
 from sketchterrain.io.crs import parse_crs, plain_path, transform_points
 from sketchterrain.io.files import wrap_read_errors
 from sketchterrain.io.gdal import OFFLINE
 
-Shapes = npt.NDArray[np.object_]
-
-_NESTED = (-1, 4, 5, 6, 7)  # none, multi geometries and collections
 # Local coordinate systems, as in this program's own exports.
 _LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"", re.I | re.S)
 _TABLES = {"gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"}
@@ -278,14 +275,6 @@ def valid_areas(shapes: Shapes) -> Shapes:
     shapes = shapes.copy()
     shapes[broken] = shapely.make_valid(shapes[broken], method="structure", keep_collapsed=False)
     return shapes
-
-
-def single_parts(shapes: Shapes, of: npt.NDArray[np.intp]) -> tuple[Shapes, npt.NDArray[np.intp]]:
-    """Return the parts of multi geometries and collections, with the index of each one's feature."""
-    while np.isin(shapely.get_type_id(shapes), _NESTED).any():
-        shapes, part = shapely.get_parts(shapes, return_index=True)
-        of = of[part]
-    return shapes, of
 
 
 _LAYER_OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {

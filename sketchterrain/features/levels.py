@@ -11,8 +11,9 @@ import numpy.typing as npt
 import shapely
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array, StructuredArray
-from sketchterrain.features.files import Shapes, single_parts, valid_areas
+from sketchterrain.features.files import valid_areas
 from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
+from sketchterrain.features.table import Shapes, single_parts
 from sketchterrain.geometry.box_index import expanded
 
 RUN: Final = 64

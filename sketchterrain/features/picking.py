@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
-from weakref import WeakKeyDictionary
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
-from sketchterrain.caching import LRUCache
-from sketchterrain.features.edits import Features
-from sketchterrain.features.table import AREA, LINE, POINT, Feature, VectorLayer, on_grid
+from sketchterrain.features.table import LINE, POINT, Feature, Shapes, VectorLayer, on_grid
 from sketchterrain.geometry.splines import cubics
 
 if TYPE_CHECKING:  # it takes a quarter of a second
@@ -22,14 +19,8 @@ if TYPE_CHECKING:  # it takes a quarter of a second
 _PIECES: Final = 16  # straight ones of a curve between two vertices
 _POWERS: Final = (np.arange(_PIECES) / _PIECES) ** np.arange(4)[:, None]
 
-Shapes: TypeAlias = npt.NDArray[np.object_]
-"""Shapely geometries."""
-
 PICK: Final = 3.0
 """Pixels from a line or point within which it is found where nothing is drawn."""
-
-_curves = LRUCache(12)
-_of_pieces: WeakKeyDictionary[VectorLayer, Curves] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +35,23 @@ class Curves:
 
     shapes: Shapes
     boxes: Float64Array
+
+    @classmethod
+    def of(cls, layer: VectorLayer) -> Curves:
+        """Return the curves of a layer; those of its pieces are known if they are unchanged."""
+        import shapely
+
+        if len(layer.pieces) > 1:
+            pieces = [piece.curves for piece in layer.pieces]
+            shapes, boxes = ([getattr(each, name) for each in pieces] for name in ("shapes", "boxes"))
+            return cls(np.concatenate(shapes), np.concatenate(boxes, axis=1))
+        shapes = layer.shapes()
+        smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
+        if smooth.any():
+            own = smooth[layer.feature_of_ring]
+            points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], np.diff(layer.rings)[own])
+            shapes[smooth] = shapely.linestrings(points, indices=line)
+        return cls(shapes, np.ascontiguousarray(shapely.bounds(shapes).T))
 
     def touching(self, box: Bounds) -> Int64Array:
         """Return the indices of the features whose boxes touch a box, ascending."""
@@ -61,31 +69,6 @@ class Curves:
         rows, place = self.touching(box), shapely.Point(x, y)
         distance = shapely.distance(shapely.clip_by_rect(outlines_of(self.shapes[rows]), *box), place)
         return rows, np.nan_to_num(distance, nan=np.inf), shapely.intersects_xy(self.shapes[rows], x, y)
-
-
-def curves_of(layer: VectorLayer) -> Curves:
-    """Return a layer's curves, cached; those of unchanged pieces are known."""
-    return _curves.get_or_compute(layer, lambda: _curves_of(layer))
-
-
-def _curves_of(layer: VectorLayer) -> Curves:
-    import shapely
-
-    if len(layer.pieces) > 1:
-        for piece in layer.pieces:
-            if piece not in _of_pieces:
-                _of_pieces[piece] = _curves_of(piece)
-        pieces = [_of_pieces[piece] for piece in layer.pieces]
-        names = ("shapes", "boxes")
-        return Curves(*(np.concatenate([getattr(each, name) for each in pieces], axis=-1) for name in names))
-    shapes = layer.shapes()
-    smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
-    if smooth.any():
-        own = smooth[layer.feature_of_ring]
-        lengths = np.diff(layer.rings)[own]
-        points, line = _sampled(layer.vertices[own[layer.ring_of_vertex]], lengths)
-        shapes[smooth] = shapely.linestrings(points, indices=line)
-    return Curves(shapes, np.ascontiguousarray(shapely.bounds(shapes).T))
 
 
 def curve_of(feature: Feature) -> BaseGeometry:
@@ -122,23 +105,13 @@ def _sampled(vertices: Float64Array, lengths: Int64Array) -> tuple[Float64Array,
     return np.swapaxes(curves, 1, 2)[within], np.repeat(line, _PIECES)[within.ravel()]
 
 
-def outline_of(table: Features, feature: Feature) -> BaseGeometry:
-    """Return a feature's line or rings as they are drawn, with vertices in their order."""
-    import shapely
-
-    if isinstance(table, VectorLayer):
-        return outlines_of(np.array([curve_of(feature)]))[0]
-    closed = [np.append(ring, ring[:1], axis=0) if feature.kind == AREA else ring for ring in feature.rings]
-    return shapely.MultiLineString(closed)
-
-
 def nearest_place(
-    feature: Feature, outline: BaseGeometry, x: float, y: float
+    table: VectorLayer, feature: Feature, x: float, y: float
 ) -> tuple[float, int, tuple[float, float]]:
     """Return the place on a line or border nearest to a position (m): distance, vertex before it, place."""
     import shapely
 
-    point, lines = shapely.Point(x, y), shapely.get_parts(outline)
+    point, lines = shapely.Point(x, y), shapely.get_parts(outlines_of(np.array([table.curve(feature)])))
     distance = shapely.distance(lines, point)
     part = int(np.argmin(distance))
     line, ring = lines[part], feature.rings[part]
@@ -151,27 +124,13 @@ def nearest_place(
     return float(distance[part]), after, _pair(line.interpolate(along).coords[0])
 
 
-class NearFeatures(Features, Protocol):
-    """Features that are found by their place."""
-
-    def near(self, x: float, y: float, reach: float, /) -> Iterable[Feature]:
-        """Return the features that may be within a distance (m) of a position."""
-
-
-def _near(table: VectorLayer | NearFeatures, x: float, y: float, reach: float) -> Iterable[Feature]:
-    if not isinstance(table, VectorLayer):
-        return table.near(x, y, reach)
-    rows, distance, _ = curves_of(table).near(x, y, reach)
-    return [table.feature(name) for name in table.ids[rows[distance <= reach]].tolist()]
-
-
 def _pair(place: npt.ArrayLike) -> tuple[float, float]:
     x, y = on_grid(place).tolist()
     return x, y
 
 
 def snapped(
-    tables: Iterable[VectorLayer | NearFeatures],
+    tables: Iterable[VectorLayer],
     x: float,
     y: float,
     reach: float,
@@ -184,7 +143,7 @@ def snapped(
     """
     vertices, lines = [np.zeros((0, 2))], []
     for table in tables:
-        for feature in _near(table, x, y, reach):
+        for feature in table.near(x, y, reach):
             places = np.concatenate(feature.rings)
             is_node = (places == (np.nan if other_than is None else other_than)).all(axis=1)
             vertices.append(places[~is_node])
@@ -195,6 +154,6 @@ def snapped(
     if away.min(initial=np.inf) <= reach:
         east, north = nodes[np.argmin(away)].tolist()
         return east, north
-    found = [nearest_place(each, outline_of(table, each), x, y) for table, each in lines]
+    found = [nearest_place(table, each, x, y) for table, each in lines]
     distance, _, place = min(found, default=(np.inf, 0, (x, y)))
     return place if distance <= reach else None

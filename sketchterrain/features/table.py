@@ -1,20 +1,20 @@
-"""Vector layers: points, lines and areas with ids, labels and properties, as immutable arrays."""
+"""Tables of features: points, lines and areas with ids, labels and properties, as immutable arrays."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import chain, pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.errors import InputError, format_value
+from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
+from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.schema.parameters import Parameter, Properties, Value, parameter_table
@@ -22,8 +22,19 @@ from sketchterrain.schema.parameters import Parameter, Properties, Value, parame
 if TYPE_CHECKING:  # it takes a quarter of a second
     from shapely.geometry.base import BaseGeometry
 
+    from sketchterrain.features.levels import Level  # of tables
+    from sketchterrain.features.picking import Curves  # of tables
+
+Shapes: TypeAlias = npt.NDArray[np.object_]
+"""Shapely geometries."""
+
 POINT, LINE, AREA = range(3)
 KINDS: Final = ("point", "line", "area")
+
+DRAPED: Final = "drape"
+"""The name of tables of draped files."""
+NO_INTEGER: Final = np.iinfo(np.int64).min
+"""A missing value in whole numbers of draped files."""
 
 STEP: Final = 1.0 / 1024.0
 """Coordinates are multiples of it (m), so that shared vertices are equal bit for bit."""
@@ -33,6 +44,7 @@ MAX_COORDINATE = 1e7  # m from the sketch's south-west corner
 _MAX_ID = (1 << 31) - 1
 _MAX_COLUMNS, _MAX_NAME = 60, 60
 _RESERVED = ("id", "label")
+_NESTED = (-1, 4, 5, 6, 7)  # shapely's type ids: none, multi geometries and collections
 _FEATURE_BYTES = 64  # of the objects of a feature
 _WHOLE: Final = {
     "rings": np.int64,
@@ -132,6 +144,22 @@ def repeats(vertices: Float64Array, ring: Int64Array, closed: BoolArray) -> Bool
     return found
 
 
+def checked_properties(properties: Mapping[str, Any]) -> dict[str, Value]:
+    """Return the properties that have values; raise InputError if a GeoPackage could not have one."""
+    checked = dict[str, Value]()
+    for name, value in properties.items():
+        if not isinstance(name, str) or not 0 < len(name) <= 200:
+            what = f"expected names of 1 to 200 characters, got {format_value(name)}"
+            raise InputError(f"drape.edit.properties: {what}")
+        if value is None or value != value:  # NaN
+            continue
+        if not isinstance(value, float | str) and not (isinstance(value, int) and abs(value) < 1 << 63):
+            what = f"{one_line(name)} = {format_value(value)}: expected a number or text"
+            raise InputError(f"drape.edit.properties.{what}")
+        checked[name] = int(value) if isinstance(value, bool) else value
+    return checked
+
+
 def property_columns(properties: Sequence[Properties]) -> dict[str, Column]:
     """Return properties of features as columns; those that no feature has are left out."""
     columns: dict[str, Column] = {}
@@ -151,6 +179,59 @@ def starts(counts: npt.ArrayLike) -> Int64Array:
     return np.concatenate([[0], np.cumsum(np.asarray(counts, dtype=np.int64))]).astype(np.int64)
 
 
+def single_parts(shapes: Shapes, of: Int64Array) -> tuple[Shapes, Int64Array]:
+    """Return the parts of multi geometries and collections, with the index of each one's feature."""
+    import shapely
+
+    while np.isin(shapely.get_type_id(shapes), _NESTED).any():
+        shapes, part = shapely.get_parts(shapes, return_index=True)
+        of = of[part]
+    return shapes, of
+
+
+class Rings(NamedTuple):
+    """Rings of shapes: of each shape the points, lines or areas, those that have the most dimensions."""
+
+    kinds: Int64Array  # (n,) of shapes: -1 of those without a place
+    vertices: Float64Array  # (m, 2), without the last ones of borders and holes
+    ring: Int64Array  # (m,) of each vertex
+    feature: Int64Array  # (k,) index of each ring's shape
+    begins: BoolArray  # (k,) whether it begins a part: of areas those that are borders
+
+    @classmethod
+    def of_shapes(cls, shapes: Shapes) -> Rings:
+        """Return the rings of shapely geometries, single or several, (n,), in their order."""
+        import shapely
+
+        single, of = single_parts(shapes, np.arange(len(shapes)))
+        kind, kinds = (
+            np.where(shapely.is_empty(single), -1, shapely.get_dimensions(single)),
+            np.full(len(shapes), -1),
+        )
+        np.maximum.at(kinds, of, kind)
+        kept = (kind == kinds[of]) & (kind >= 0)
+        single, of, areas = single[kept], of[kept], kind[kept] == AREA
+        borders, part = shapely.get_rings(single[areas], return_index=True)
+        part = np.concatenate([np.flatnonzero(areas)[part], np.flatnonzero(~areas)])
+        order = np.argsort(part, kind="stable")
+        part, rings = part[order], np.concatenate([borders, single[~areas]])[order]
+        vertices, ring = shapely.get_coordinates(rings, return_index=True)
+        closing = np.append(ring[1:] != ring[:-1], True)[: len(ring)] & areas[part][ring]
+        begins = np.append(True, part[1:] != part[:-1])[: len(part)]
+        return cls(kinds, vertices[~closing], ring[~closing], of[part], begins)
+
+
+class Texts:
+    """Texts in UTF-8, one after the other, as in a file that is mapped into memory."""
+
+    def __init__(self, content: npt.NDArray[np.uint8], ends: Int64Array) -> None:
+        self._content, self._ends = content, ends
+
+    def __getitem__(self, number: int) -> str:
+        start = self._ends[number - 1] if number else 0
+        return self._content[start : self._ends[number]].tobytes().decode()
+
+
 @dataclass(frozen=True, eq=False)
 class Feature:
     """A feature of a table: points, lines or areas, in the sketch's layers single ones."""
@@ -166,15 +247,10 @@ class Feature:
     @classmethod
     def from_geometry(cls, geometry: BaseGeometry, properties: Properties, name: int = 0) -> Feature:
         """Return a feature of shapely points, lines or areas, single or several."""
-        import shapely
-
-        kind = int(shapely.get_dimensions(geometry))
-        single = shapely.get_parts(geometry)
-        single = single[shapely.get_dimensions(single) == kind]
-        parts = [list(shapely.get_rings(each)) if kind == AREA else [each] for each in single]
-        end = -1 if kind == AREA else None
-        rings = tuple(shapely.get_coordinates(ring)[:end] for part in parts for ring in part)
-        return cls(kind, rings, 1, properties, name, tuple(starts(list(map(len, parts)))[:-1].tolist()))
+        found = Rings.of_shapes(np.array([geometry]))
+        rings = np.split(found.vertices, np.searchsorted(found.ring, range(1, len(found.feature))))
+        parts = tuple(np.flatnonzero(found.begins).tolist())
+        return cls(int(found.kinds[0]), tuple(rings), 1, properties, name, parts)
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -191,6 +267,11 @@ class Feature:
             )
         places = np.concatenate(self.rings)
         return shapely.Point(places[0]) if len(parts) == 1 else shapely.MultiPoint(places)
+
+    def touches(self, box: Bounds) -> bool:
+        """Return whether its box touches another, m."""
+        places = np.concatenate(self.rings)
+        return bool((places.min(axis=0) <= box[2:]).all() and (places.max(axis=0) >= box[:2]).all())
 
     @property
     def nbytes(self) -> int:
@@ -211,13 +292,80 @@ class Feature:
         return self.kind, self.label, self.id, self.parts, self.properties, rings
 
 
+_Whole = TypeVar("_Whole", bound="InPieces")
+
+
+class InPieces:
+    """A dataclass of arrays, which may consist of successive `pieces` and are joined when asked for."""
+
+    pieces: tuple[Any, ...]
+    _is_edited = False  # whether its arrays are joined from its pieces
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Join an array of all pieces; without pieces all arrays are there."""
+            if name == "pieces":
+                return (self,)
+            if name not in self.__dataclass_fields__ or "pieces" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            value = _join(self.pieces, name)
+            object.__setattr__(self, name, value)
+            return value
+
+    @classmethod
+    def of_pieces(cls: type[_Whole], pieces: Sequence[_Whole]) -> _Whole:
+        """Return what consists of some pieces."""
+        return _restored(cls, {"pieces": tuple(pieces), "_is_edited": True})
+
+    def digest_parts(self) -> tuple[Any, ...]:
+        """Return what its digest for stages is of: that of each piece is kept."""
+        return self.pieces if len(self.pieces) > 1 else tuple(self._values.values())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if len(self.pieces) > 1:
+            return self.of_pieces, (self.pieces,)
+        values = {name: dict(value) if name == "columns" else value for name, value in self._values.items()}
+        return _restored, (type(self), values)
+
+    @property
+    def _values(self) -> dict[str, Any]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}  # type: ignore[arg-type]
+
+
+def _restored(kind: type[_Whole], values: dict[str, Any]) -> _Whole:
+    """Return a value of checked ones."""
+    found = object.__new__(kind)
+    for array in values.values():
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    vars(found).update(values)
+    return found
+
+
+def _join(pieces: Sequence[Any], name: str) -> Any:
+    """Return an array of all pieces, read-only, or another value of them."""
+    values = [getattr(piece, name) for piece in pieces]
+    if name == "layer":
+        return values[0]
+    if name == "columns":
+        return _join_columns(pieces)
+    is_start = name in ("rings", "parts", "first")  # where parts of others start
+    joined = starts(np.concatenate(list(map(np.diff, values)))) if is_start else np.concatenate(values)
+    joined.setflags(write=False)
+    return joined
+
+
 @dataclass(frozen=True, eq=False)
-class VectorLayer:
+class VectorLayer(InPieces):
     """Features of one layer, in metres from the sketch's south-west corner.
 
     Vertices at equal positions are one node: features that share it are connected, and it moves as one.
     A large layer consists of `pieces`; an edited one shares those that did not change, so that edits, and
     the memory of their history, cost what they change. Its arrays are joined when they are asked for.
+
+    The table of a draped file (`mapped`) has its columns in files that are mapped into memory, and its
+    `edits` beside them. Its vertices are not rounded, and its features may have several parts.
 
     Parameters
     ----------
@@ -245,6 +393,15 @@ class VectorLayer:
     labels: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
     columns: Mapping[str, Column] = field(default_factory=dict)
 
+    # Of a draped file:
+    edits: ClassVar[Mapping[int, Feature | None]] = MappingProxyType({})
+    """What replaces features or is added, by id; None: deleted."""
+    begins: ClassVar[BoolArray]  # whether each ring begins a part
+    levels: ClassVar[tuple[Level, ...]]  # of generalisation, the finest first, with an index of places
+    count: ClassVar[int]  # of features, those without a geometry too, which are not in the table
+    mixed: ClassVar[Mapping[int, bytes]] = MappingProxyType({})
+    """WKB of features with several kinds of parts, which cannot be edited, by id."""
+
     def __post_init__(self) -> None:
         if self.layer not in VECTOR_LAYERS:
             raise InputError(
@@ -265,26 +422,20 @@ class VectorLayer:
         _check_features(self)
         _check_columns(self)
 
-    if not TYPE_CHECKING:
+    @classmethod
+    def mapped(
+        cls, arrays: Mapping[str, npt.NDArray[Any]], columns: Mapping[str, Any], **facts: Any
+    ) -> VectorLayer:
+        """Return the table of a draped file by its arrays, with ascending ids; texts of columns are `Texts`.
 
-        def __getattr__(self, name: str) -> Any:
-            """Join an array of all pieces, or the columns; those of a layer of one piece are always there."""
-            if name not in _JOINERS or "pieces" not in self.__dict__:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            value = _JOINERS[name](self.pieces, name)
-            if name != "columns":
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
-            return value
+        `facts` are `levels`, `count` and `mixed`.
+        """
+        labels = np.broadcast_to(1, len(arrays["ids"]))
+        return _restored(cls, {**arrays, "layer": DRAPED, "labels": labels, "columns": columns, **facts})
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        if len(self.pieces) > 1:
-            return _of_pieces, (self.layer, self.pieces)
-        return VectorLayer, (self.layer, *self._arrays, dict(self.columns))
-
-    def digest_parts(self) -> tuple[object, ...]:
-        """Return what its digest for stages is of: that of each piece is kept."""
-        return self.pieces if len(self.pieces) > 1 else (self.layer, *self._arrays, self.columns)
+    def with_edits(self, edits: Mapping[int, Feature | None]) -> VectorLayer:
+        """Return the table of a draped file with other edits."""
+        return _restored(VectorLayer, {**vars(self), "edits": edits})
 
     @property
     def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
@@ -340,13 +491,8 @@ class VectorLayer:
     def release(self) -> None:
         """Free what is joined of the pieces again when it is asked for."""
         if self._is_edited:
-            for name in self.__dict__.keys() - {"layer", "pieces", "_is_edited"}:
+            for name in self.__dict__.keys() - {"pieces", "_is_edited"}:
                 del self.__dict__[name]
-
-    @cached_property
-    def _is_edited(self) -> bool:
-        """Whether its arrays are joined from its pieces."""
-        return False
 
     def texts(self, name: str) -> frozenset[str]:
         """Return the different texts of a property."""
@@ -379,39 +525,90 @@ class VectorLayer:
         """Return the vertices of a ring, (n, 2), m."""
         return self.vertices[self.rings[number] : self.rings[number + 1]]
 
-    def _find(self, name: int) -> tuple[int, int]:
-        """Return the piece of a feature by its id, and its index there; raise KeyError for an unknown one."""
+    def _find(self, name: int) -> tuple[VectorLayer, int]:
+        """Return the piece of a feature by its id, and its index there, without edits; raise InputError."""
+        if self.layer == DRAPED:
+            row = int(np.searchsorted(self.ids, name))
+            if row < len(self.ids) and self.ids[row] == name:
+                return self, row
+            raise _missing(name)
         low, high = self._reach[:, 0], self._reach[:, 1]
         for number in np.flatnonzero((low <= name) & (name <= high)).tolist():
-            found = np.flatnonzero(self.pieces[number].ids == name)
+            piece = self.pieces[number]
+            found = np.flatnonzero(piece.ids == name)
             if len(found):
-                return number, int(found[0])
-        raise KeyError(name)
+                return piece, int(found[0])
+        raise _missing(name)
 
     def __contains__(self, name: int) -> bool:
         """Return whether a feature has an id."""
+        if name in self.edits:
+            return self.edits[name] is not None
         try:
             self._find(name)
-        except KeyError:
+        except InputError:
             return False
         return True
 
     def index(self, name: int) -> int:
-        """Return the index of a feature by its id; raise KeyError for an unknown one."""
-        number, index = self._find(name)
-        return int(self._firsts[number, 0]) + index
+        """Return the index of a feature by its id; raise InputError for an unknown one."""
+        found = np.flatnonzero(self.ids == name)
+        if not len(found):
+            raise _missing(name)
+        return int(found[0])
 
     def feature(self, name: int) -> Feature:
-        """Return a feature by its id; raise KeyError for an unknown one."""
-        number, index = self._find(name)
-        piece = self.pieces[number]
-        rings = tuple(piece.ring(each) for each in range(*piece.parts[index : index + 2]))
+        """Return a feature by its id; raise InputError without one."""
+        if name in self.edits:
+            if (edit := self.edits[name]) is None:
+                raise _missing(name)
+            return edit
+        piece, index = self._find(name)
+        first, end = piece.parts[index : index + 2].tolist()
+        parts = np.flatnonzero(self.begins[first:end]).tolist() if self.layer == DRAPED else [0]
         (properties,) = piece.properties([index])
-        return Feature(int(piece.kinds[index]), rings, int(piece.labels[index]), properties, name)
+        label, rings = int(piece.labels[index]), tuple(map(piece.ring, range(first, end)))
+        return Feature(int(piece.kinds[index]), rings, label, properties, name, tuple(parts))
+
+    def geometry(self, name: int) -> BaseGeometry | None:
+        """Return all parts of a feature, of several kinds too; None without one."""
+        import shapely
+
+        if name in self.mixed and name not in self.edits:
+            return shapely.from_wkb(self.mixed[name])
+        return self.feature(name).geometry if name in self else None
+
+    def touching(self, box: Bounds) -> Int64Array:
+        """Return the ids of the features that may touch a box (m)."""
+        if self.layer != DRAPED:
+            return self.ids[self.curves.touching(box)]
+        stored = self.levels[0].items["feature"][self.levels[0].touching(box)]
+        edited = [name for name, edit in self.edits.items() if edit and edit.touches(box)]
+        return np.union1d(np.setdiff1d(stored, list(self.edits)), edited).astype(np.int64)
+
+    def near(self, x: float, y: float, reach: float) -> list[Feature]:
+        """Return the features that may be within a distance (m) of a position."""
+        return list(map(self.feature, self.touching((x - reach, y - reach, x + reach, y + reach)).tolist()))
+
+    @cached_property
+    def curves(self) -> Curves:
+        """Its features as they are drawn."""
+        from sketchterrain.features.picking import Curves  # which reads tables
+
+        return Curves.of(self)
+
+    def curve(self, feature: Feature) -> BaseGeometry:
+        """Return a feature as it is drawn."""
+        from sketchterrain.features.picking import curve_of  # which reads tables
+
+        return feature.geometry if self.layer == DRAPED else curve_of(feature)
 
     def features_at(self, x: float, y: float) -> Iterator[Feature]:
         """Yield the features with a vertex at a position (m): those of one node."""
-        return self.features_among(np.array([(x, y)]))
+        if self.layer != DRAPED:
+            return self.features_among(np.array([(x, y)]))
+        place, found = on_grid((x, y)), self.near(x, y, STEP)
+        return (each for each in found if (on_grid(np.concatenate(each.rings)) == place).all(axis=1).any())
 
     def features_among(self, places: Float64Array) -> Iterator[Feature]:
         """Yield the features with a vertex at positions (n, 2), m."""
@@ -439,18 +636,36 @@ class VectorLayer:
     def properties(self, indices: Sequence[int] | Int64Array) -> list[dict[str, Value]]:
         """Return the own properties of features by their indices."""
         rows: list[dict[str, Value]] = [{} for _ in indices]
-        for name, column in self.columns.items():
-            values = np.array(column, object)[indices].tolist()
-            for row, value in zip(rows, values, strict=True):
-                if value != "" and value == value:  # NaN is none
+        for name in self.columns:
+            for row, value in zip(rows, self.values(name, indices), strict=True):
+                if value is not None:
                     row[name] = value
         return rows
+
+    def values(self, name: str, indices: Sequence[int] | Int64Array) -> list[Value | None]:
+        """Return a property of features by their indices, without edits; None for missing ones."""
+        if (column := self.columns.get(name)) is None:
+            return [None] * len(indices)
+        if not isinstance(column, np.ndarray):
+            return [column[index] or None for index in indices]
+        found = column[np.asarray(indices, np.int64)].tolist()
+        return [None if value != value or value == NO_INTEGER else value for value in found]
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Names of properties, with the type of their values: int64, float64 or text."""
+        columns = self.columns.items()
+        return {
+            name: column.dtype.name if isinstance(column, np.ndarray) else "text" for name, column in columns
+        }
 
     def edited(self, remove: Collection[int] = (), add: Sequence[Feature] | VectorLayer = ()) -> VectorLayer:
         """Return the layer without some features, by id, and with others, in their places or appended.
 
         A new feature of id 0 gets the next free one. Raise InputError for invalid features.
         """
+        if self.layer == DRAPED and not isinstance(add, VectorLayer):
+            return self.with_edits(self._edits_with(remove, add))
         new = add if isinstance(add, VectorLayer) else self._layer_of(add)
         gone = np.unique(np.fromiter(remove, np.int64, len(remove)))
         pieces = list(self.pieces)
@@ -483,9 +698,33 @@ class VectorLayer:
             raise _too_many_vertices(self.layer, edited.vertex_count)
         return edited
 
+    def _edits_with(self, remove: Collection[int], add: Sequence[Feature]) -> dict[int, Feature | None]:
+        """Return the edits of a draped file with further ones; raise InputError if a feature is invalid."""
+        import shapely
+
+        edits, left, new = {**self.edits, **dict.fromkeys(remove)}, set(remove), self.next_id
+        for feature in add:
+            exists = feature.id in left
+            what = f"feature {feature.id}" if exists else "new feature"
+            if exists and feature.id in self.mixed:
+                raise InputError(f"{what}: expected points, lines or areas, not several kinds of parts")
+            if not np.isfinite(np.concatenate(feature.rings)).all():
+                raise InputError(f"{what}: expected finite coordinates")
+            shape = feature.geometry
+            if not shapely.is_valid(shape) and (not exists or shapely.is_valid(self.geometry(feature.id))):
+                reason = one_line(shapely.is_valid_reason(shape))[:80]
+                raise InputError(f"{what}: expected a valid geometry ({reason})")
+            number = feature.id if exists else new
+            left, new = left - {number}, new + (not exists)
+            properties = checked_properties(feature.properties)
+            edits[number] = replace(feature, id=number, label=1, properties=properties)
+        return edits
+
     @property
     def next_id(self) -> int:
         """The id of the next new feature."""
+        if self.layer == DRAPED:
+            return max([self.count - 1, *self.edits]) + 1
         return 1 + int(self._reach[:, 1].max(initial=0))
 
     def _layer_of(self, features: Sequence[Feature]) -> VectorLayer:
@@ -531,7 +770,7 @@ class VectorLayer:
             self.layer, self.vertices[vertices], starts(of_vertex), starts(of_ring), *arrays, columns
         )
 
-    def shapes(self) -> npt.NDArray[np.object_]:
+    def shapes(self) -> Shapes:
         """Return shapely geometries, (n,)."""
         import shapely
 
@@ -550,7 +789,7 @@ class VectorLayer:
     def from_shapes(
         cls,
         layer: str,
-        shapes: npt.NDArray[np.object_],
+        shapes: Shapes,
         *,
         ids: npt.ArrayLike | None = None,
         labels: npt.ArrayLike | None = None,
@@ -563,35 +802,30 @@ class VectorLayer:
         """
         import shapely
 
-        kinds = np.asarray(shapely.get_dimensions(shapes))
         single = np.isin(shapely.get_type_id(shapes), (0, 1, 3)) & ~shapely.is_empty(shapes)
         if not single.all():
             number = int(np.argmin(single)) + 1
             raise InputError(f"feature {number}: expected a point, a line or an area that is not empty")
-        areas = np.flatnonzero(kinds == AREA)
-        borders, of = shapely.get_rings(shapes[areas], return_index=True)
-        others = np.flatnonzero(kinds != AREA)
-        feature = np.concatenate([areas[of], others])
-        order = np.argsort(feature, kind="stable")
-        rings, feature = np.concatenate([borders, shapes[others]])[order], feature[order]
-        at, ring = shapely.get_coordinates(rings, return_index=True)
-        at -= corner
+        kinds, at, ring, feature, _ = Rings.of_shapes(shapes)
+        at = at - corner
         at = on_grid(at) if (np.abs(at) <= MAX_COORDINATE).all() else at
         closed = kinds[feature] == AREA
-        closing = np.append(ring[1:] != ring[:-1], True)[: len(ring)] & closed[ring]
-        at, ring = at[~closing], ring[~closing]
         twice = repeats(at, ring, closed)
         at, ring = at[~twice], ring[~twice]
         return cls(
             layer,
             at,
-            starts(np.bincount(ring, minlength=len(rings))),
+            starts(np.bincount(ring, minlength=len(feature))),
             starts(np.bincount(feature, minlength=len(shapes))),
             kinds.astype(np.uint8),
             np.arange(1, len(shapes) + 1) if ids is None else np.asarray(ids),
             np.ones(len(shapes), np.uint8) if labels is None else np.asarray(labels),
             columns,
         )
+
+
+def _missing(name: int) -> InputError:
+    return InputError(f"feature {name}: expected one that the layer has, with a geometry")
 
 
 def _check_features(layer: VectorLayer) -> None:
@@ -685,13 +919,11 @@ def _unchecked(layer: str, *values: Any) -> VectorLayer:
     """Return a layer of features that were checked before; properties that none has are left out."""
     *arrays, columns = values
     own = {name: column for name, column in columns.items() if _has_any(column)}
-    found = object.__new__(VectorLayer)
-    for array in (*arrays, *own.values()):
+    for array in own.values():
         if isinstance(array, np.ndarray):
             array.setflags(write=False)
-    for name, value in zip(("layer", *_FIELDS), (layer, *arrays, MappingProxyType(own)), strict=True):
-        object.__setattr__(found, name, value)
-    return found
+    values = dict(zip(_FIELDS, (*arrays, MappingProxyType(own)), strict=True))
+    return _restored(VectorLayer, {"layer": layer, **values})
 
 
 def _has_any(column: Column) -> bool:
@@ -700,29 +932,18 @@ def _has_any(column: Column) -> bool:
 
 def _of_pieces(layer: str, pieces: Sequence[VectorLayer]) -> VectorLayer:
     """Return the layer of successive pieces."""
-    pieces = tuple(pieces)
     if len(pieces) < 2:
         return pieces[0] if pieces else _EMPTY[layer]
-    found = object.__new__(VectorLayer)
-    for name, value in {"layer": layer, "pieces": pieces, "_is_edited": True}.items():
-        object.__setattr__(found, name, value)
+    found = VectorLayer.of_pieces(pieces)
     return found if len(found) > _PIECE_FEATURES else _joined(pieces)
 
 
 def _joined(pieces: Sequence[VectorLayer]) -> VectorLayer:
     """Return the layer of successive pieces as one."""
-    return _unchecked(pieces[0].layer, *(_JOINERS[name](pieces, name) for name in _FIELDS))
+    return _unchecked(pieces[0].layer, *(_join(pieces, name) for name in _FIELDS))
 
 
-def _join_arrays(pieces: Sequence[VectorLayer], name: str) -> npt.NDArray[Any]:
-    return np.concatenate([getattr(piece, name) for piece in pieces])
-
-
-def _join_starts(pieces: Sequence[VectorLayer], name: str) -> Int64Array:
-    return starts(np.concatenate([np.diff(getattr(piece, name)) for piece in pieces]))
-
-
-def _join_columns(pieces: Sequence[VectorLayer], _: str) -> Mapping[str, Column]:
+def _join_columns(pieces: Sequence[VectorLayer]) -> Mapping[str, Column]:
     """Return the properties of all pieces, of the types that `property_columns` gives them."""
     columns: dict[str, Column] = {}
     for name in dict.fromkeys(name for piece in pieces for name in piece.columns):
@@ -741,13 +962,6 @@ def _texts(column: Column | None, count: int) -> tuple[str, ...]:
     if column is None or isinstance(column, tuple):
         return column or ("",) * count
     return tuple("" if value != value else str(value) for value in column.tolist())
-
-
-_JOINERS: Final[Mapping[str, Callable[[Sequence[VectorLayer], str], Any]]] = {
-    **dict.fromkeys(("vertices", "kinds", "ids", "labels"), _join_arrays),
-    **dict.fromkeys(("rings", "parts"), _join_starts),
-    "columns": _join_columns,
-}
 
 
 def _ranges(starts: Int64Array, which: Int64Array) -> tuple[Int64Array, Int64Array]:

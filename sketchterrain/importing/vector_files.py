@@ -19,15 +19,14 @@ from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError, format_value, one_line
 from sketchterrain.features.files import (
     FileTable,
-    Shapes,
     find_driver,
     layer_crs,
     open_vector_file,
     reproject,
-    single_parts,
     valid_areas,
 )
 from sketchterrain.features.osm_relations import incomplete_areas
+from sketchterrain.features.table import Shapes, single_parts
 from sketchterrain.importing.legend import BUILT_KEYS, OSM_KEYS, RELEVANT_TAGS
 from sketchterrain.io.crs import is_westward, parse_crs
 from sketchterrain.schema.parameters import SKETCH

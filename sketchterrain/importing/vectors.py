@@ -19,7 +19,7 @@ from sketchterrain.array_types import BoolArray, Int64Array
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, LabelImage
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, did_you_mean, first_few, format_value, one_line
-from sketchterrain.features.files import Shapes, reproject, single_parts, valid_areas
+from sketchterrain.features.files import reproject, valid_areas
 from sketchterrain.features.table import (
     AREA,
     KINDS,
@@ -27,8 +27,10 @@ from sketchterrain.features.table import (
     MAX_FEATURE_VERTICES,
     POINT,
     STEP,
+    Shapes,
     VectorLayer,
     property_columns,
+    single_parts,
 )
 from sketchterrain.importing.legend import (
     FeatureLabel,

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
-from sketchterrain.features.table import VectorLayer, starts
+from sketchterrain.features.table import InPieces, VectorLayer, starts
 from sketchterrain.geometry.hashing import hash_unit
 from sketchterrain.schema.layers import CROPS, LAND_USES
 from sketchterrain.stages.parts import part_of
@@ -32,12 +32,12 @@ AUTOMATIC: Final = 0
 
 
 @dataclass(frozen=True, eq=False)
-class LandUse:
+class LandUse(InPieces):
     """Areas by ascending id. Where areas overlap, the one of the higher id is on top.
 
     Neighbours share their borders vertex by vertex: the shares of a square that they cover add up to 1.
-    Those of a large layer consist of `pieces`, and share with those before an edit what did not change. Their
-    arrays are joined when they are asked for.
+    Those of a large layer consist of `pieces`, those of pieces of the layer, and share with those before an
+    edit what did not change.
     """
 
     ids: Int64Array = field(default_factory=lambda: np.zeros(0, np.int64))  # (n,) of the vectors
@@ -122,20 +122,12 @@ class LandUse:
         for name in _COLUMNS[1:]:
             same &= getattr(self, name)[mine] == getattr(old, name)[theirs]
         mine, theirs = mine[same], theirs[same]
-        # Runs of areas that follow each other in both are compared as memory.
-        cuts = np.flatnonzero((np.diff(mine) != 1) | (np.diff(theirs) != 1)) + 1
-        differs = np.zeros(len(mine), np.bool_)
-        for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), len(mine)], strict=True):
-            if first < last:
-                one, other = self._edges_between(mine, first, last), old._edges_between(theirs, first, last)
-                rows = np.flatnonzero((one != other).any(axis=1)) + self.first[mine[first]]
-                differs[first + np.searchsorted(self.first[mine[first:last]], rows, side="right") - 1] = True
+        of, rows = self.edges_of(mine)
+        differ = (self.edges[rows] != old.edges[old.edges_of(theirs)[1]]).any(axis=1)
+        differs = np.bincount(of[differ], minlength=len(mine)) > 0
         left = np.ones(len(old), np.bool_), np.ones(len(self), np.bool_)
         left[0][theirs[~differs]] = left[1][mine[~differs]] = False
         return np.flatnonzero(left[0]), np.flatnonzero(left[1])
-
-    def _edges_between(self, areas: Int64Array, first: int, last: int) -> Float64Array:
-        return self.edges[self.first[areas[first]] : self.first[areas[last - 1] + 1]]
 
     def _without(self, pieces: Collection[LandUse]) -> tuple[LandUse, Int64Array]:
         """Return the areas of all pieces but some, and their rows."""
@@ -143,32 +135,6 @@ class LandUse:
         rest = [(piece, row) for piece, row in zip(self.pieces, first, strict=False) if piece not in pieces]
         rows = [np.arange(row, row + len(piece)) for piece, row in rest]
         return _joined([piece for piece, _ in rest]), np.concatenate([np.zeros(0, np.int64), *rows])
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """Join an array of all pieces."""
-            if name not in self.__dataclass_fields__ or "_pieces" not in self.__dict__:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            object.__setattr__(self, name, _join(self._pieces, name))
-            return self.__dict__[name]
-
-    def digest_parts(self) -> tuple[object, ...]:
-        """Return what its digest is of."""
-        own = (getattr(self, each.name) for each in fields(self))
-        return self.pieces if len(self.pieces) > 1 else tuple(own)
-
-    @property
-    def pieces(self) -> tuple[LandUse, ...]:
-        """Successive areas, those of pieces of the layer."""
-        found: tuple[LandUse, ...] = self.__dict__.get("_pieces", (self,))
-        return found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return pieces, or the fields without cached properties."""
-        if len(self.pieces) > 1:
-            return _of_pieces, (self.pieces,)
-        return LandUse, self.digest_parts()
 
     @cached_property
     def counts(self) -> Int64Array:
@@ -188,7 +154,7 @@ def land_use(sketch: Sketch, run: Runner | None = None) -> LandUse:
     pieces = [run(_areas_of, labels, piece, hashed=False) for piece in layer.pieces]
     if any(before.ids[-1] >= after.ids[0] for before, after in pairwise(pieces)):
         return _by_id(_joined(pieces))
-    return pieces[0] if len(pieces) == 1 else _of_pieces(pieces)
+    return pieces[0] if len(pieces) == 1 else LandUse.of_pieces(pieces)
 
 
 def _areas_of(sketch: Sketch, layer: VectorLayer) -> LandUse:
@@ -227,18 +193,7 @@ def _by_id(areas: LandUse) -> LandUse:
 _COLUMNS: Final = tuple(each.name for each in fields(LandUse))[:-2]
 
 
-def _of_pieces(pieces: Sequence[LandUse]) -> LandUse:
-    """Return successive areas, whose arrays are joined when they are asked for."""
-    found = object.__new__(LandUse)
-    object.__setattr__(found, "_pieces", tuple(pieces))
-    return found
-
-
 def _joined(pieces: Sequence[LandUse]) -> LandUse:
-    return LandUse(*(_join(pieces, each.name) for each in fields(LandUse))) if pieces else NO_LAND_USE
-
-
-def _join(pieces: Sequence[LandUse], name: str) -> npt.NDArray[Any]:
-    if name == "first":
-        return starts(np.concatenate([piece.counts for piece in pieces]))
-    return np.concatenate([getattr(piece, name) for piece in pieces])
+    """Return the areas of all pieces as one."""
+    whole = LandUse.of_pieces([NO_LAND_USE, *pieces])
+    return LandUse(*(getattr(whole, each.name) for each in fields(LandUse)))

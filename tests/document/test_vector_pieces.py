@@ -87,7 +87,7 @@ def test_random_edits_equal_fresh_layers(fields):
         one, other = layer.feature(name), again.feature(name)
         assert (one.label, one.properties) == (other.label, other.properties)
         assert layer.index(name) == again.index(name)
-    with pytest.raises(KeyError):
+    with pytest.raises(InputError, match="feature 1000000: expected one that the layer has"):
         layer.index(10**6)
 
 

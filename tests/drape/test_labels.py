@@ -56,7 +56,8 @@ class Drapes:
     def table(self, layer):
         self.reads += 1
         geometry, properties = ({k: e[n] for k, e in self._features[layer].items()} for n in (0, 1))
-        return SimpleNamespace(geometry=geometry.get, properties=properties.get)
+        own = {name: SimpleNamespace(properties=each) for name, each in properties.items()}
+        return SimpleNamespace(geometry=geometry.get, feature=own.get)
 
 
 def drapes_of(features, **style):

@@ -11,7 +11,7 @@ import shapely
 
 from sketchterrain.document.drapes import DrapeClass, DrapedLayer, draped_feature
 from sketchterrain.drape.drapes import BUDGET, Drapes, Pick
-from sketchterrain.drape.vector_store import open_store
+from sketchterrain.drape.vector_store import open_table
 from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE
 from sketchterrain.features.levels import PIECE, RUN, parts_of, split_shapes, subdivided
 
@@ -111,11 +111,11 @@ def test_features_come_back_as_they_were_in_each_format(tmp_path) -> None:
         )
         drapes = opened(path)
         assert drapes.problems == ()
-        assert drapes.sources[0].store.left_out == 0
+        assert drapes.sources[0].facts["left_out"] == 0
         for number, shape in enumerate(shapes):
             table, values = drapes.table(0), {"name": names[number], "size": number / 2, "count": number}
             assert shapely.equals_exact(table.geometry(number), shape, 1e-6), (suffix, number)
-            assert table.properties(number) == values
+            assert table.feature(number).properties == {k: v for k, v in values.items() if v is not None}
         assert drapes.features(0, ALL).tolist() == list(range(31))
 
 
@@ -235,9 +235,9 @@ def test_shared_borders_stay_shared_at_all_levels(tmp_path) -> None:
             loop = [(row, column), (row, column + 1), (row + 1, column + 1), (row + 1, column), (row, column)]
             edges = [edge(corners[a], corners[b])[:-1] for a, b in itertools.pairwise(loop)]
             cells.append(shapely.Polygon(np.concatenate(edges)))
-    store = open_store(layer(write(tmp_path / "parcels.fgb", cells)), FRAME, EXTENT)
-    assert len(store.levels) > 4
-    for level in store.levels:
+    _, table = open_table(layer(write(tmp_path / "parcels.fgb", cells)), FRAME, EXTENT)
+    assert len(table.levels) > 4
+    for level in table.levels:
         fills = [level.points[i["first"] : i["first"] + i["count"]] for i in level.items if i["kind"] == FILL]
         edges = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in fills])
         places = random.uniform(0.1 * EXTENT, 0.9 * EXTENT, (100, 2))
@@ -486,13 +486,16 @@ def test_edits_share_the_store_and_undo_is_bit_equal(tmp_path) -> None:
     found = edited.items(ALL, 0.5)
     assert 4 not in found.feature
     assert area_of(found, 300) == pytest.approx(2500.0)
-    assert edited.sources[0].store is drapes.sources[0].store
+    assert edited.sources[0].facts is drapes.sources[0].facts
     assert edited.table(0).feature(300).properties == {"number": 7}
-    assert edited.sources[0].next_id == 301
+    assert edited.table(0).next_id == 301
     assert edited.features(0, ALL).tolist() == [*range(4), *range(5, 301)]
-    kept = edited.sources[0]._edited[300]
+    kept = dict(edited.sources[0]._parts)
     again = edited.updated([one.replace(edits={**edits, 5: None})])
-    assert again.sources[0]._edited[300] is kept  # only the touched feature is rebuilt
+    again.items(ALL, 0.5)
+    found = again.sources[0]._parts
+    assert all(found[key] is parts for key, parts in kept.items())  # only the touched feature is rebuilt
+    assert {name for name, _ in found} == {4, 5, 300}
     undone = again.updated([one])
     for old, now in zip(before, undone.items(ALL, 0.5), strict=True):
         assert np.array_equal(old, now)

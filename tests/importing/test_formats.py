@@ -59,7 +59,7 @@ def test_trails_of_other_formats_are_traced_and_draped(tmp_path, name) -> None:
         [DrapedLayer(str(path), {"table": "lines"} if "osm" in name else {})], FRAME, (900, 900), 900
     )
     assert drapes.problems == ()
-    assert drapes.sources[0].feature(0).geometry.geom_type in ("LineString", "MultiLineString")
+    assert drapes.table(0).feature(0).geometry.geom_type in ("LineString", "MultiLineString")
 
 
 @pytest.mark.parametrize("suffix", [".dbf", ".shx", ".prj"])

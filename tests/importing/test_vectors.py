@@ -613,9 +613,9 @@ def test_intact_features_of_damaged_files_are_kept(tmp_path, kind) -> None:
     assert kept == 19 or f"skipped: {19 - kept} " in " ".join(traced.notes)
     drapes = Drapes.open([DrapedLayer(str(path))], traced.sketch.frame, (900.0, 900.0), 900.0)
     assert drapes.problems == ()
-    (source,) = drapes.sources
-    assert source.values("number", [0, 9]) == [0, 9]
-    assert source.feature(9).geometry.bounds[3] == pytest.approx(900.0, abs=1.0)
+    table = drapes.table(0)
+    assert table.values("number", [0, 9]) == [0, 9]
+    assert table.feature(9).geometry.bounds[3] == pytest.approx(900.0, abs=1.0)
     note = f"a: {19 - kept} of 19 features have no geometry, or are damaged"
     assert drapes.notes == (() if kept == 19 else (note,))
 

@@ -424,8 +424,8 @@ def test_files_are_added_by_dialog_and_drop_and_layers_saved(
     qtbot.waitUntil(lambda: not blank.drapes.is_busy)
     saved = blank.sketch.drapes[0]
     assert (saved.path, dict(saved.edits), blank.history.titles[-1]) == (str(other), {}, "Save other")
-    assert blank.drapes.current.sources[0].store.count == 2
-    assert blank.drapes.current.sources[1].store.count == 3
+    assert blank.drapes.current.table(0).count == 2
+    assert blank.drapes.current.table(1).count == 3
 
 
 def test_the_engine_gets_changes_at_once_and_the_placer_none(draped, blank, link, workspace):

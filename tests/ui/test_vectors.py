@@ -7,7 +7,6 @@ from PyQt6.QtGui import QGuiApplication
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.picking import curves_of
 from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import NOT_PLACED
@@ -290,7 +289,7 @@ def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(bl
     )
     lakes = VectorLayer("lake").edited(add=[Feature(AREA, (border, hole))])
     blank.open(blank.sketch.replace(vectors={"river": rivers, "lake": lakes}))
-    ((x, y), *_) = [each for each in curves_of(rivers).shapes[0].coords if 345 < each[0] < 365]
+    ((x, y), *_) = [each for each in rivers.curves.shapes[0].coords if 345 < each[0] < 365]
     assert abs(y - (700 - 2 * (x - 300))) > 20.0  # off the chord
     assert hit(x, y) == Selection("river", 1)
     assert hit(635, 400) == Selection("river", 2)

@@ -11,7 +11,8 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Bounds, Float64Array
-from sketchterrain.features.picking import Shapes, outlines_of
+from sketchterrain.features.picking import outlines_of
+from sketchterrain.features.table import Shapes
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River, ShapeField
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.tool_context import ToolContext

@@ -11,7 +11,7 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF,
 
 from sketchterrain.array_types import Int64Array
 from sketchterrain.features.edits import shared_nodes
-from sketchterrain.features.picking import curves_of, outlines_of
+from sketchterrain.features.picking import outlines_of
 from sketchterrain.features.table import AREA, LINE, POINT, VectorLayer
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
@@ -82,7 +82,7 @@ def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
     sketch = context.document.sketch
     for layer in features.visible_vectors(sketch, context.workspace):
         widths, classes = features.looks_of(sketch, layer)
-        widths, curves = widths * context.px_per_metre, curves_of(layer)
+        widths, curves = widths * context.px_per_metre, layer.curves
         margin = 0.5 * max(float(widths.max()), _WIDEST)
         order = curves.touching(world_box(context, area, margin))
         order = order[np.argsort(layer.kinds[order] == LINE, kind="stable")]
@@ -109,7 +109,7 @@ def _draw_small(
     """Draw small areas as squares in the colours of their classes; return the indices of the others."""
     import shapely
 
-    shapes = curves_of(layer).shapes
+    shapes = layer.curves.shapes
     side = np.sqrt(shapely.area(shapes)) * context.px_per_metre
     west, south, east, north = shapely.bounds(shapes).T
     x, y = context.screens_from_world(0.5 * (west + east), 0.5 * (south + north))

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.document.drapes import MAX_CLASSES, DrapeClass, DrapedLayer, class_value, draped_layer
@@ -21,6 +22,7 @@ if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.drape.drapes import Drapes
     from sketchterrain.drape.raster_source import DrapedRaster
     from sketchterrain.drape.vector_source import VectorSource
+    from sketchterrain.features.table import VectorLayer
     from sketchterrain.ui.models.document import Document  # which reads drapes
 
 _GOLDEN: Final = 0.618034  # of the circle of hues, from one colour to the next
@@ -58,7 +60,7 @@ class DrapeSources(QObject):
         current = self.current
         return None if current is None or number >= len(current.sources) else current.sources[number]
 
-    def table(self, number: int) -> VectorSource | None:
+    def table(self, number: int) -> VectorLayer | None:
         """Return the features of a layer; None unless it is a vector file that is read."""
         return _table(self.current, number)
 
@@ -99,7 +101,7 @@ class DrapeSources(QObject):
         self.changed.emit()
 
 
-def _table(drapes: Drapes | None, number: int) -> VectorSource | None:
+def _table(drapes: Drapes | None, number: int) -> VectorLayer | None:
     """Return the features of a layer of drapes; None unless it is a known vector layer."""
     with suppress(InputError):
         return None if drapes is None else drapes.table(number)
@@ -175,7 +177,9 @@ def classify(document: Document, number: int, by: str) -> None:
     layer, table = document.sketch.drapes[number], document.drapes.table(number)
     if table is None or by not in table.fields:
         raise InputError(f"{layer.title}: expected a property of its file, got {by!r}")
-    values = {class_value(each) for each in table.values(by, range(table.next_id))}
+    rows = np.flatnonzero(~np.isin(table.ids, list(table.edits)))
+    edits = (edit.properties.get(by) for edit in table.edits.values() if edit)
+    values = set(map(class_value, [*table.values(by, rows), *edits]))
     if len(values) > MAX_CLASSES:
         raise InputError(f"{layer.title}: {by} has {len(values)} values; expected at most {MAX_CLASSES}")
     colours = map(distinct_colour, range(len(values)))

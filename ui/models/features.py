@@ -15,16 +15,8 @@ from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits
-from sketchterrain.features.picking import (
-    PICK,
-    curve_of,
-    curves_of,
-    nearest_place,
-    outline_of,
-    outlines_of,
-    snapped,
-)
-from sketchterrain.features.table import AREA, LINE, POINT, Feature, VectorLayer, on_grid
+from sketchterrain.features.picking import PICK, nearest_place, outlines_of, snapped
+from sketchterrain.features.table import AREA, DRAPED, LINE, POINT, Feature, VectorLayer, on_grid
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.schema.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.schema.parameters import Value
@@ -33,12 +25,8 @@ from sketchterrain.ui.models import drapes
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Handle, Selection, Workspace
 
-if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
+if TYPE_CHECKING:  # it takes a quarter of a second
     from shapely.geometry.base import BaseGeometry
-
-    from sketchterrain.drape.vector_source import VectorSource
-
-Table: TypeAlias = "VectorLayer | VectorSource"
 
 LEAST_WIDTH: Final = 1.5
 """Logical px of a line on the canvas."""
@@ -62,7 +50,7 @@ class SelectedFeature:
     """A feature of the sketch's own or of a draped layer, its handles, and what becomes of them."""
 
     sketch: Sketch
-    table: Table
+    table: VectorLayer
     selection: Selection
 
     @classmethod
@@ -73,7 +61,7 @@ class SelectedFeature:
         sketch = sketch or document.sketch
         if selection is None or selection.is_placed:
             return None
-        table: Table | None = (
+        table: VectorLayer | None = (
             document.drapes.table(selection.layer) if selection.is_draped else sketch.vectors[selection.kind]
         )
         return None if table is None or selection.id not in table else cls(sketch, table, selection)
@@ -96,7 +84,7 @@ class SelectedFeature:
     @cached_property
     def shape(self) -> BaseGeometry:
         """How it is drawn."""
-        return self.feature.geometry if self.selection.is_draped else curve_of(self.feature)
+        return self.table.curve(self.feature)
 
     def lines(self, *, step: float = 0.0) -> list[Float64Array]:
         """Return its lines and borders, (n, 2) m; a point twice.
@@ -139,7 +127,7 @@ class SelectedFeature:
         """The handle of a line's width: on its left, halfway along it; none if it is no line with one."""
         layer, line = self.table, self.shape
         half = 0.0
-        if isinstance(layer, VectorLayer):
+        if layer.layer != DRAPED:
             half = 0.5 * float(widths_of(self.sketch, layer)[layer.index(self.selection.id)])
         if not half:
             return ()
@@ -197,10 +185,9 @@ class SelectedFeature:
         Of the sketch's own layers the nodes move, with all that share them. A node that is moved alone onto a
         line or border is a vertex of that too.
         """
-        if not isinstance(self.table, VectorLayer):
-            return with_tables(
-                self.sketch, self.selection, edits.with_places(self.table, self.selection.id, places)
-            )
+        if self.selection.is_draped:
+            moved_feature = edits.with_places(self.table, self.selection.id, places)
+            return with_tables(self.sketch, self.selection, moved_feature)
         moved = (self.places != on_grid(places)).any(axis=1)
         starts, ends, layers = self.places[moved], places[moved], network_of(self.sketch, self.selection.kind)
         if not len(starts):
@@ -229,7 +216,7 @@ def network_of(sketch: Sketch, name: str) -> list[VectorLayer]:
     return [sketch.vectors[each] for each in edits.network_layers(name)]
 
 
-def tables_near(document: Document, selection: Selection) -> Sequence[Table]:
+def tables_near(document: Document, selection: Selection) -> Sequence[VectorLayer]:
     """Return the layers that the vertices of a layer snap to."""
     if selection.is_draped:
         table = document.drapes.table(selection.layer)
@@ -237,14 +224,12 @@ def tables_near(document: Document, selection: Selection) -> Sequence[Table]:
     return network_of(document.sketch, selection.kind)
 
 
-def with_tables(sketch: Sketch, selection: Selection, *tables: Table) -> Sketch:
+def with_tables(sketch: Sketch, selection: Selection, *tables: VectorLayer) -> Sketch:
     """Return the sketch with other layers in place of that of a feature, and of its network."""
-    own = [each for each in tables if isinstance(each, VectorLayer)]
-    draped = [each.edits for each in tables if not isinstance(each, VectorLayer)]
-    if draped:
-        layer = sketch.drapes[selection.layer].replace(edits=draped[0])
-        sketch = drapes.with_layer(sketch, selection.layer, layer)
-    return with_vectors(sketch, *own) if own else sketch
+    if selection.is_draped:
+        layer = sketch.drapes[selection.layer].replace(edits=tables[0].edits)
+        return drapes.with_layer(sketch, selection.layer, layer)
+    return with_vectors(sketch, *tables)
 
 
 def change_features(
@@ -252,19 +237,17 @@ def change_features(
     workspace: Workspace,
     title: str,
     selection: Selection,
-    *tables: Table,
+    *tables: VectorLayer,
     merge: Hashable | None = None,
 ) -> None:
     """Record a step that replaces the layers of a feature and its network; raise InputError if it may not."""
     if problem := refusal(document, workspace, selection):
         raise InputError(problem)
     vectors = document.sketch.vectors
-    changed = [
-        each for each in tables if not isinstance(each, VectorLayer) or each is not vectors[each.layer]
-    ]
-    for name in (each.layer for each in changed if isinstance(each, VectorLayer)):
-        if workspace.look(name).locked:
-            raise InputError(workspace.refusal(name))
+    changed = [each for each in tables if each is not vectors.get(each.layer)]
+    for each in changed:
+        if not selection.is_draped and workspace.look(each.layer).locked:
+            raise InputError(workspace.refusal(each.layer))
     if changed:
         title = f"{title} {title_of(document, selection)}"
         document.do(title, with_tables(document.sketch, selection, *changed), merge=merge)
@@ -320,7 +303,7 @@ def vector_picks(
         is_cased = styled and not look.is_painted
         edge = np.array([each.casing_width if is_cased else 0.0 for each in look.classes])
         half, rims = 0.5 * np.maximum(widths, least[classes] * texel), edge[classes] * texel
-        rows, distance, inside = curves_of(layer).near(x, y, float((half + rims).max()) + PICK * texel)
+        rows, distance, inside = layer.curves.near(x, y, float((half + rims).max()) + PICK * texel)
         rim = rims[rows]
         gap = np.where(inside, 0.0, np.maximum(distance - half[rows], 0.0))
         is_line = layer.kinds[rows] == LINE
@@ -342,9 +325,7 @@ def snap(
 ) -> tuple[float, float] | None:
     """Return the vertex or place on a line that a new vertex of a layer snaps to, within a distance (m)."""
     tables = tables_near(document, selection)
-    shown = [
-        each for each in tables if not isinstance(each, VectorLayer) or workspace.look(each.layer).visible
-    ]
+    shown = [each for each in tables if each.layer == DRAPED or workspace.look(each.layer).visible]
     return snapped(shown, x, y, reach, **options)
 
 
@@ -355,7 +336,7 @@ def with_nodes(
 
     `other_than`: not in features that have a node at a position.
     """
-    curves, found = curves_of(layer), dict[int, list[tuple[int, float, float, float]]]()
+    curves, found = layer.curves, dict[int, list[tuple[int, float, float, float]]]()
     own = [] if other_than is None else [each.id for each in layer.features_at(*other_than)]
     for x, y in np.unique(places, axis=0).tolist():
         if any(layer.features_at(x, y)):
@@ -364,7 +345,7 @@ def with_nodes(
         distance[np.isin(layer.ids[rows], own)] = np.inf
         if distance.min(initial=np.inf) <= _ON_LINE:
             feature = layer.feature(int(layer.ids[rows[np.argmin(distance)]]))
-            _, after, _ = nearest_place(feature, outline_of(layer, feature), x, y)
+            _, after, _ = nearest_place(layer, feature, x, y)
             beyond = math.dist(np.concatenate(feature.rings)[after], (x, y))
             found.setdefault(feature.id, []).append((after, beyond, x, y))
     for name, each in found.items():
@@ -396,7 +377,7 @@ def _vertices_on(own: VectorLayer, layer: VectorLayer) -> Float64Array:
     pieces = [piece.vertices for piece in layer.pieces_near(*low.tolist(), *high.tolist())]
     places = np.concatenate([np.zeros((0, 2)), *pieces])
     places = places[((places >= low) & (places <= high)).all(axis=1)]
-    border = shapely.union_all(outlines_of(curves_of(own).shapes))
+    border = shapely.union_all(outlines_of(own.curves.shapes))
     return np.asarray(places[shapely.dwithin(shapely.points(places), border, _ON_LINE)])
 
 
@@ -404,11 +385,11 @@ def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) 
     """Return where a new line crosses those at its level, away from its vertices, (n, 2), m."""
     import shapely
 
-    (line,) = curves_of(own).shapes
+    (line,) = own.curves.shapes
     (level,) = _storeys(sketch, own, [0])
     found = [np.zeros((0, 2))]
     for layer in layers:
-        shapes, rows = curves_of(layer).shapes, curves_of(layer).touching(line.bounds)
+        shapes, rows = layer.curves.shapes, layer.curves.touching(line.bounds)
         rows = rows[shapely.crosses(shapes[rows], line)].tolist()
         same = [row for row, other in zip(rows, _storeys(sketch, layer, rows), strict=True) if other == level]
         found.append(shapely.get_coordinates(shapely.intersection(line, shapes[same])))
@@ -445,7 +426,7 @@ def insert_vertex(document: Document, workspace: Workspace, x: float, y: float, 
     own = SelectedFeature.find(document, workspace.selection)
     if own is None or own.feature.kind == POINT:
         return False
-    distance, after, place = nearest_place(own.feature, outline_of(own.table, own.feature), x, y)
+    distance, after, place = nearest_place(own.table, own.feature, x, y)
     if distance > reach:
         return False
     changed = edits.insert_vertices(own.table, own.selection.id, [after], [place])
@@ -472,7 +453,7 @@ def delete_feature(document: Document, workspace: Workspace) -> None:
 Command: TypeAlias = Callable[[Document, Workspace], None]
 
 
-def _command(title: str, change: Callable[[Table, Selection], Table]) -> Command:
+def _command(title: str, change: Callable[[VectorLayer, Selection], VectorLayer]) -> Command:
     def command(document: Document, workspace: Workspace) -> None:
         own = SelectedFeature.find(document, workspace.selection)
         if own is not None:
@@ -507,7 +488,7 @@ def set_property(
     Those of draped features are texts; raise InputError if one is not of its property's type.
     """
     table = own.table
-    if not isinstance(table, VectorLayer) and value is not None and value != "":
+    if table.layer == DRAPED and value is not None and value != "":
         convert, what = _NUMBERS.get(table.fields.get(name, ""), (str, ""))
         with suppress(ValueError):
             value, what = convert(str(value)), ""
@@ -536,9 +517,9 @@ def draw(
     if len(places) < _LEAST[kind]:
         raise InputError(f"{title[:1].upper()}{title[1:]}: expected {_LEAST[kind]} points or more")
     feature = Feature(kind, (places,), label, {"smooth": 1} if smooth else {})
-    before: Sequence[Table] = tables_near(document, target)
+    before: Sequence[VectorLayer] = tables_near(document, target)
     if target.is_draped:
-        tables: Sequence[Table] = [table.edited(add=[feature]) for table in before]
+        tables: Sequence[VectorLayer] = [table.edited(add=[feature]) for table in before]
     else:
         tables = with_feature(document.sketch, target.kind, feature)
     what = {POINT: "a point", LINE: "a line", AREA: "an area"}[kind]

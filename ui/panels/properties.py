@@ -13,7 +13,7 @@ from sketchterrain.document.edits import ACTIONS, ADDED_BIT
 from sketchterrain.document.own_materials import with_materials
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.features.edits import change_layer, network_layers
-from sketchterrain.features.table import AREA, KINDS, LINE, POINT, VectorLayer, vector_parameters
+from sketchterrain.features.table import AREA, KINDS, LINE, POINT, vector_parameters
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, River
 from sketchterrain.schema.layers import LAYERS, layer_of
 from sketchterrain.schema.parameters import Parameter, Sentinel, Value, parameter_table
@@ -284,7 +284,7 @@ class FeaturePage(QWidget):
         self.form.setToolTip(problem)
         if own is None:
             self._head.show_text("Gone", "The selection no longer exists.")
-        elif isinstance(own.table, VectorLayer):
+        elif own.selection.is_vector:
             self._show_vector(own, own.selection.kind)
         else:
             self._show_draped(own, own.table.fields)
@@ -337,7 +337,7 @@ class FeaturePage(QWidget):
         own, target = self._shown, self._document.sketch.vectors[layer]
         if own is None or layer == own.selection.kind:
             self._set("label", label, object())
-        elif isinstance(own.table, VectorLayer):
+        elif own.selection.is_vector:
             changed = change_layer(own.table, target, own.selection.id, label)
             title = f"Make {label_title(layer, label).lower()} of"
             change_features(self._document, self._workspace, title, own.selection, *changed)

@@ -41,6 +41,7 @@ from sketchterrain.export.map.relief import (
     shaded_relief,
 )
 from sketchterrain.export.map.roads import draw_roads, road_legend
+from sketchterrain.features.table import single_parts
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.files import write_atomic
 from sketchterrain.roads.road_types import RoadNetwork
@@ -385,8 +386,6 @@ def with_rasters(image: UInt8Array, drapes: Drapes | None, samples: MapSamples) 
 
 
 def _drawn(geometry: npt.NDArray[np.object_], look: Properties, frame: MapFrame) -> list[Shape]:
-    from sketchterrain.features.files import single_parts  # loads GDAL
-
     parts, _ = single_parts(shapely.force_2d(geometry), np.arange(len(geometry)))
     unit, kind = PIXEL if look["unit"] == "px" else float(look["unit"]), shapely.get_dimensions(parts)
     casings, above = styled(

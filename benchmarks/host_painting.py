@@ -47,6 +47,12 @@ def _choose_labels(size: int) -> tuple[Any, ...]:
     return order, boxes, labels, state, 200, 6.0, 300.0, chosen, np.zeros(size, np.int64)
 
 
+def _lines_around(size: int) -> tuple[Any, ...]:
+    _, first, points, *_ = _drape_pieces(size)
+    found = np.zeros(size), np.zeros(size, np.int64)
+    return first[:-1].copy(), np.diff(first).astype(np.int32), points, 90.0, 110.0, *found
+
+
 def _graph(size: int) -> tuple[Int64Array, Int64Array, Int64Array]:
     """Return a network of some junctions: neighbours from each on, neighbours, and limits of height."""
     random = np.random.default_rng(4)
@@ -128,6 +134,7 @@ SAMPLES: Final[dict[str, Callable[[int], tuple[Any, ...]]]] = {
     "drape_pieces": _drape_pieces,
     "encode_texels": _encode_texels,
     "choose_labels": _choose_labels,
+    "lines_around": _lines_around,
     "share_excess": _share_excess,
     "lower_envelope": _lower_envelope,
     "least_squares": _least_squares,

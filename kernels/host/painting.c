@@ -229,6 +229,32 @@ void encode_texels(
     }
 }
 
+void lines_around(
+    int64_t lines, int64_t points, const int64_t first[restrict lines], const int32_t count[restrict lines],
+    const double point[restrict points][2], double x, double y, double distance[restrict lines],
+    int64_t turns[restrict lines])
+{
+    (void)points;
+    for (int64_t n = 0; n < lines; n++) {
+        const double(*at)[2] = point + first[n];
+        double from_x = at[0][0] - x, from_y = at[0][1] - y, nearest = from_x * from_x + from_y * from_y;
+        int64_t around = 0;
+        for (int64_t k = 1; k < count[n]; k++) {
+            double to_x = at[k][0] - x, to_y = at[k][1] - y, east = to_x - from_x, north = to_y - from_y;
+            double t = -(from_x * east + from_y * north) / greatest(east * east + north * north, 1e-12);
+            t = least(greatest(t, 0.0), 1.0);
+            double across = from_x + t * east, up = from_y + t * north, side = from_x * to_y - from_y * to_x;
+            nearest = least(nearest, across * across + up * up);
+            nearest = least(nearest, to_x * to_x + to_y * to_y);
+            around += (from_y <= 0.0 && to_y > 0.0 && side > 0.0) - (from_y > 0.0 && to_y <= 0.0 && side < 0.0);
+            from_x = to_x;
+            from_y = to_y;
+        }
+        distance[n] = sqrt(nearest);
+        turns[n] = around;
+    }
+}
+
 void choose_labels(
     int64_t candidates, int64_t labels, const int64_t order[restrict candidates],
     const double box[restrict labels][4], const int64_t label[restrict labels],

@@ -36,6 +36,12 @@ HOST void drape_pieces(
     int64_t count[restrict 2], /* of pieces and of pairs */
     double scratch[restrict points][2]);
 
+/* Find how far lines are from a place, and how often each runs around it. */
+HOST void lines_around(
+    int64_t lines, int64_t points, const int64_t first[restrict lines], const int32_t count[restrict lines],
+    const double point[restrict points][2], double x, double y, double distance[restrict lines],
+    int64_t turns[restrict lines]);
+
 /* Multiply the three channels of texels by their share, the fourth one: round(c s / 255), 0 ... 255. */
 HOST void premultiply(
     int64_t texels, const uint8_t texel[restrict texels][4], uint8_t result[restrict texels][4]);

@@ -25,6 +25,7 @@ from sketchterrain.features.items import FILL, Items
 from sketchterrain.features.levels import Level, level_of
 from sketchterrain.features.picking import PICK
 from sketchterrain.features.table import VectorLayer
+from sketchterrain.host.library import host_function
 from sketchterrain.schema.parameters import Properties
 
 BUDGET: Final = 24 << 20
@@ -383,7 +384,9 @@ class Drapes:
             items, row = items[keep], row[keep]
             if not len(items):
                 continue
-            distance, turned = _around(items["count"], level.vertices(items) - (x, y))
+            distance, turned = np.empty(len(items)), np.empty(len(items), np.int64)
+            lines = items["first"].copy(), items["count"].copy(), level.points
+            host_function("lines_around")(*lines, x, y, distance, turned)
             gap = np.where(distance <= half[row], -np.inf, distance - cased[row])
             feature = items["feature"].tolist()
             for each, is_area, near, turn in zip(
@@ -441,21 +444,3 @@ def _near(boxes: npt.NDArray[Any], box: Any, reach: Any) -> BoolArray:
     across = np.maximum(boxes[:, 0] - east, west - boxes[:, 2])
     along = np.maximum(boxes[:, 1] - north, south - boxes[:, 3])
     return np.asarray(np.maximum(across, along) <= reach)
-
-
-def _around(counts: npt.NDArray[Any], points: Float64Array) -> tuple[Float64Array, Int64Array]:
-    """Return the distance of the origin from lines of some points each, and how often each runs around it."""
-    first = np.cumsum(counts, dtype=np.int64) - counts
-    start, end = points[:-1].T, points[1:].T
-    step = end - start
-    along = -(start * step).sum(axis=0) / np.maximum((step * step).sum(axis=0), 1e-12)
-    distance = np.hypot(*points.T)
-    distance[:-1] = np.minimum(distance[:-1], np.hypot(*(start + np.clip(along, 0.0, 1.0) * step)))
-    side = start[0] * end[1] - end[0] * start[1]
-    turns = np.zeros(len(points), np.int64)
-    turns[:-1] += (start[1] <= 0.0) & (end[1] > 0.0) & (side > 0.0)
-    turns[:-1] -= (start[1] > 0.0) & (end[1] <= 0.0) & (side < 0.0)
-    last = first[1:] - 1  # points from which it is no step to the next
-    distance[last] = np.hypot(*points[last].T)
-    turns[last] = 0
-    return np.minimum.reduceat(distance, first), np.add.reduceat(turns, first)

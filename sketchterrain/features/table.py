@@ -204,10 +204,8 @@ class Rings(NamedTuple):
         import shapely
 
         single, of = single_parts(shapes, np.arange(len(shapes)))
-        kind, kinds = (
-            np.where(shapely.is_empty(single), -1, shapely.get_dimensions(single)),
-            np.full(len(shapes), -1),
-        )
+        kind = np.where(shapely.is_empty(single), -1, shapely.get_dimensions(single))
+        kinds = np.full(len(shapes), -1)
         np.maximum.at(kinds, of, kind)
         kept = (kind == kinds[of]) & (kind >= 0)
         single, of, areas = single[kept], of[kept], kind[kept] == AREA
@@ -442,7 +440,7 @@ class VectorLayer(InPieces):
         return self.vertices, self.rings, self.parts, self.kinds, self.ids, self.labels
 
     def __len__(self) -> int:
-        return len(self.ids) if "ids" in self.__dict__ else int(self._firsts[-1, 0])
+        return len(self.ids) if "ids" in self.__dict__ else sum(map(len, self.pieces))
 
     @cached_property
     def pieces(self) -> tuple[VectorLayer, ...]:
@@ -452,15 +450,6 @@ class VectorLayer(InPieces):
         if len(cuts) == 2:
             return (_unchecked(self.layer, *self._arrays, dict(self.columns)),)
         return tuple(self._slice(first, end) for first, end in pairwise(cuts))
-
-    @cached_property
-    def _firsts(self) -> Int64Array:
-        """(p + 1, 3) number of the first feature, ring and vertex of each piece, and of the ends."""
-        return np.cumsum([(0, 0, 0), *(piece._size for piece in self.pieces)], axis=0)
-
-    @cached_property
-    def _size(self) -> tuple[int, int, int]:
-        return len(self.ids), len(self.rings) - 1, len(self.vertices)
 
     @cached_property
     def _reach(self) -> Float64Array:
@@ -477,7 +466,7 @@ class VectorLayer(InPieces):
     @property
     def vertex_count(self) -> int:
         """Number of vertices."""
-        return int(self._firsts[-1, 2])
+        return sum(len(piece.vertices) for piece in self.pieces)
 
     @property
     def nbytes(self) -> int:
@@ -683,7 +672,7 @@ class VectorLayer(InPieces):
             replaces[of_new[stays]] = True
             kept = order[(order >= len(piece)) | ~np.isin(piece.ids, gone)]
             pieces[number] = _joined([piece, new])._taken(kept)
-        pieces = [piece for piece in pieces if piece._size[0]]
+        pieces = [piece for piece in pieces if len(piece)]
         last = new._taken(np.flatnonzero(~replaces))
         if twice := next((each for each in last.ids.tolist() if each in self), None):
             raise InputError(

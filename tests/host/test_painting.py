@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import shapely
 
 from sketchterrain.benchmarks.host_painting import SAMPLES
 from sketchterrain.features import items
@@ -138,3 +139,16 @@ def test_what_does_not_fit_is_counted():
         for one, two, size in zip(part[:3], whole[:3], (room[0], room[0], room[1]), strict=True):
             assert np.array_equal(one, two[:size])
     assert listed(items.FILL, [])[3].tolist() == [2, 0]
+
+
+def test_lines_are_as_far_as_shapely_says_and_run_around_what_is_inside():
+    first, count, points, x, y, distances, turns = arguments = SAMPLES["lines_around"](300)
+    host_function("lines_around")(*arguments)
+    place = shapely.Point(x, y)
+    for start, size, found, turned in zip(first, count, distances, turns, strict=True):
+        own = points[start : start + size]
+        line = shapely.LineString(own) if size > 1 else shapely.Point(own[0])
+        assert np.isclose(found, line.distance(place), rtol=1e-9)
+        if size > 3 and (own[0] == own[-1]).all() and shapely.is_valid(ring := shapely.Polygon(own)):
+            assert (turned != 0) == ring.contains(place)
+    assert (turns != 0).sum() > 5

@@ -42,7 +42,7 @@ class Banner(QFrame):
         super().__init__(window)
         self._window, self._below = window, below
         self._messages: list[Message] = []
-        self._buttons: list[QPushButton] = []
+        self._buttons = row(None)
         self.setObjectName("banner")
         self.setAutoFillBackground(True)
         self._symbol, self._line = QLabel(), QLabel()
@@ -52,7 +52,8 @@ class Banner(QFrame):
         self._line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._line.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
         close = tool_button("close", "Dismiss this message", self.dismiss, tip="Dismiss", side=14)
-        self._row = row(self, self._symbol, (self._line, 1), close, margins=(MARGIN, SMALL, SPACING, SMALL))
+        items = self._symbol, (self._line, 1), self._buttons, close
+        self._row = row(self, *items, margins=(MARGIN, SMALL, SPACING, SMALL))
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._timer = single_shot(self, _DURATION, self.dismiss)
         self.setAccessibleName("Messages")
@@ -92,21 +93,18 @@ class Banner(QFrame):
         self.setGeometry((self._window.width() - width) // 2, top + SPACING, width, height)
 
     def _refresh(self) -> None:
-        for button in self._buttons:
-            self._row.removeWidget(button)
+        for button in self.findChildren(QPushButton):
             button.hide()
             button.deleteLater()
-        self._buttons.clear()
         self._timer.stop()
         message = self.message
         if message is not None:
             self._show_symbol()
             self._line.setText(message.line)
-            for index, (title, _) in enumerate(message.buttons):
-                button = QPushButton(title, self)
-                button.clicked.connect(self._press)
-                self._row.insertWidget(2 + index, button)
-                self._buttons.append(button)
+            for title, action in message.buttons:
+                button = QPushButton(title)
+                button.clicked.connect(partial(self._press, action))
+                self._buttons.addWidget(button)
             if message.kind in ("info", "good"):
                 self._timer.start()
         self.update_position()
@@ -122,12 +120,9 @@ class Banner(QFrame):
         }
         self._symbol.setPixmap(icon(*symbols.get(kind, ("info", colours.accent))).pixmap(20, 20))
 
-    def _press(self) -> None:
-        message = self.message
-        pressed = [index for index, button in enumerate(self._buttons) if button is self.sender()]
-        if message is not None and pressed:
-            self.dismiss()
-            message.buttons[pressed[0]][1]()
+    def _press(self, action: Callable[[], object], _: bool) -> None:
+        self.dismiss()
+        action()
 
 
 class ErrorReporter(QObject):

@@ -14,7 +14,7 @@ from PIL import Image
 from PyQt6.QtCore import QEvent, QMimeData, QPointF, Qt, QUrl
 from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
 from PyQt6.QtTest import QTest
-from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox, QTabBar
+from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox, QPushButton, QTabBar
 
 from sketchterrain.document.label_layers import encode_layer
 from sketchterrain.document.sketch import Sketch
@@ -337,7 +337,7 @@ def test_a_change_on_disk_is_reported_once_and_asked_about_on_closing(
     assert reported() == []
     save_sketch(Sketch(seed=8), path)
     assert reported()
-    window.banner._buttons[0].click()
+    window.banner.findChildren(QPushButton)[0].click()
     qtbot.waitUntil(lambda: document.sketch.seed == 8)
     assert window.banner.message is None
 

@@ -66,7 +66,6 @@ class ModeBar(QFrame):
             ("screenshot", "Save a picture…", "Save a picture", self.picture_requested),
         ):
             self._button(name, tip, what).clicked.connect(signal)
-        self.adjustSize()
 
     def show_mode(self, mode: str) -> None:
         button = self._modes.button(MODES.index(mode))
@@ -81,6 +80,7 @@ class ModeBar(QFrame):
         return button
 
 
+_WIDTH = 380  # px of a placeholder
 _TIME_DELAY = 2  # s of waiting after which the time is shown
 
 
@@ -118,6 +118,7 @@ class Placeholder(QFrame):
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("card")
+        self.setMaximumWidth(_WIDTH)
         self.notice: Notice | None = None  # what is shown
         self._seconds = 0
         self._symbol, self._title, self._line = (
@@ -163,19 +164,6 @@ class Placeholder(QFrame):
         self.setAccessibleName(notice.title)
         self._show_line()
         self.show()
-        self.update_position()
-
-    def update_position(self) -> None:
-        parent = self.parentWidget()
-        if parent is None or self.isHidden():
-            return
-        width = min(380, parent.width() - 2 * MARGIN)
-        self.setFixedWidth(max(width, 120))
-        self.adjustSize()
-        layout = self.layout()
-        height = layout.totalHeightForWidth(self.width()) if layout is not None else self.height()
-        self.resize(self.width(), min(max(height, 60), max(parent.height() - 2 * MARGIN, 60)))
-        self.move((parent.width() - self.width()) // 2, (parent.height() - self.height()) // 2)
 
     def _tick(self) -> None:
         self._seconds += 1
@@ -258,6 +246,9 @@ class Hud(QObject):
         self._error: ErrorReport | None = None
         self._unsettled: float | None = None  # since when pictures are unfinished
         self.bar, self.compass, self.placeholder = ModeBar(view), Compass(view), Placeholder(view)
+        controls = row(None, self.bar, 1, self.compass)
+        controls.setAlignment(self.bar, Qt.AlignmentFlag.AlignTop)
+        column(view, controls, 1, row(None, 1, (self.placeholder, _WIDTH), 1), 1, margins=_EDGE, spacing=0)
         link.frame_shown.connect(self._show_frame)
         link.facts_changed.connect(self._refresh)
         link.error_reported.connect(self._show_error)
@@ -273,12 +264,6 @@ class Hud(QObject):
     def is_refining(self) -> bool:
         """Whether a better picture has been pending for a while."""
         return self._unsettled is not None and time.monotonic() - self._unsettled > _REFINING_DELAY
-
-    def update_positions(self) -> None:
-        """Place the controls after the view was resized."""
-        self.bar.move(_EDGE, _EDGE)
-        self.compass.move(self._view.width() - self.compass.width() - _EDGE, _EDGE)
-        self.placeholder.update_position()
 
     def _refresh(self, *_: object) -> None:
         self.placeholder.show_notice(notice_of(self._link, self._error))

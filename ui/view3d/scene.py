@@ -62,22 +62,14 @@ def _draw_segments(painter: QPainter, lines: Iterable[Segments], colour: QColor,
         painter.setOpacity(_HIDDEN if hidden else 1.0)
         path = QPainterPath()
         for line in lines:
-            _add_segments(path, line, hidden=hidden)
+            for x, y, to_x, to_y in line.pixels[line.hidden == hidden].tolist():
+                path.moveTo(x, y)
+                path.lineTo(to_x, to_y)
         for pen_colour, pen_width in ((_RIM, width + 2.2), (colour, width)):
             cap, join = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin
             painter.setPen(QPen(pen_colour, pen_width, cap=cap, join=join))
             painter.drawPath(path)
     painter.setOpacity(1.0)
-
-
-def _add_segments(path: QPainterPath, line: Segments, *, hidden: bool) -> None:
-    last = None
-    for (x, y, to_x, to_y), off in zip(line.pixels.tolist(), line.hidden.tolist(), strict=True):
-        if off == hidden:
-            if last != (x, y):
-                path.moveTo(x, y)
-            path.lineTo(to_x, to_y)
-            last = to_x, to_y
 
 
 def _draw_dot(painter: QPainter, dot: Dot, *, larger: bool) -> None:

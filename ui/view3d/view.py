@@ -164,7 +164,6 @@ class View3D(QWidget):
             self._hold_keys(self._keys - {event.key()})
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
-        self._hud.update_positions()
         self._size_timer.start(_RESIZE_DELAY)
 
     def showEvent(self, event: QShowEvent | None) -> None:

@@ -44,8 +44,8 @@ def test_colours_are_detected_and_the_form_sets_size_extent_and_name(qtbot, open
     assert (sketch.name, sketch.width_px, sketch.height_px) == ("island", 120, 80)
     assert sketch.layers["mountain"][5:35, 5:45].all()
     assert np.count_nonzero(sketch.layers["mountain"]) == 30 * 40
-    assert not dialog.before.pixmap().isNull()
-    assert not dialog.after.pixmap().isNull()
+    assert not dialog.before.image.isNull()
+    assert not dialog.after.image.isNull()
 
     dialog.form["name"].selectAll()
     qtbot.keyClicks(dialog.form["name"], "Far isle")

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 from PyQt6.QtCore import QSignalBlocker, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QColor, QIcon, QImage, QPixmap, QResizeEvent
+from PyQt6.QtGui import QColor, QIcon, QImage, QPainter, QPaintEvent, QPixmap
 from PyQt6.QtWidgets import (
     QComboBox,
     QDialog,
@@ -18,8 +18,8 @@ from PyQt6.QtWidgets import (
     QGroupBox,
     QLabel,
     QScrollArea,
-    QSizePolicy,
     QStackedWidget,
+    QStyle,
     QVBoxLayout,
     QWidget,
 )
@@ -110,38 +110,29 @@ def _preview(rgba: Rgba, resampling: Image.Resampling) -> Rgba:
 _MIN_SIZE = QSize(320, 220)
 
 
-class ScaledPicture(QLabel):
+class ScaledPicture(QWidget):
     """A picture scaled to the available room."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self._pixels: QPixmap | None = None
+        self.image = QImage()
         self.setAccessibleName(name)
-        self.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.setMinimumSize(_MIN_SIZE)
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
 
-    def show_pixels(self, rgba: Rgba) -> None:
-        height, width = rgba.shape[:2]
-        image = QImage(rgba.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888)
-        self._pixels = QPixmap.fromImage(image.copy())
-        self._fit()
+    def show_pixels(self, rgba: Rgba | None) -> None:
+        height, width = (0, 0) if rgba is None else rgba.shape[:2]
+        data = b"" if rgba is None else rgba.tobytes()
+        self.image = QImage(data, width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
+        self.update()
 
-    def clear(self) -> None:
-        self._pixels = None
-        super().clear()
-
-    def resizeEvent(self, event: QResizeEvent | None) -> None:
-        super().resizeEvent(event)
-        self._fit()
-
-    def _fit(self) -> None:
-        if self._pixels is not None:
-            ratio = self.devicePixelRatioF()
-            modes = (Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation)
-            scaled = self._pixels.scaled(self.size() * ratio, *modes)
-            scaled.setDevicePixelRatio(ratio)
-            self.setPixmap(scaled)
+    def paintEvent(self, event: QPaintEvent | None) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        size = self.image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)
+        painter.drawImage(
+            QStyle.alignedRect(self.layoutDirection(), Qt.AlignmentFlag.AlignCenter, size, self.rect()),
+            self.image,
+        )
 
 
 _SWATCH = 16  # px
@@ -350,7 +341,7 @@ class TraceDialog(QDialog):
 
     def _show_error(self, line: str) -> None:
         self._result = None
-        self.after.clear()
+        self.after.show_pixels(None)
         self.create_button.setEnabled(False)
         is_map = self._source is not None and self._source.map is not None
         is_unnamed = is_map and not any(each and each.label for each in self.colours.meanings)

@@ -113,7 +113,6 @@ def _measure(job: MeasureJob) -> Agreement:
 def _render(job: PictureJob) -> PictureWritten:
     from sketchterrain.document.store import reject_sketch_folder
     from sketchterrain.export.rasters import write_picture
-    from sketchterrain.render.camera import Camera
     from sketchterrain.render.offscreen import render_picture
     from sketchterrain.render.sky import Sun, Weather
 
@@ -121,7 +120,7 @@ def _render(job: PictureJob) -> PictureWritten:
     picture = render_picture(
         _terrain(job.sketch, job.recipe),
         size=job.size,
-        camera=Camera(job.pose.eye, job.pose.target, fov=job.pose.fov),
+        camera=job.pose,
         sun=Sun(*job.sun),
         weather=Weather.from_sketch(job.sketch),
         clock=job.clock,

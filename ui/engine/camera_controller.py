@@ -33,10 +33,12 @@ class CameraController:
         self.size = terrain.size
         west, south, east, north = visible_rectangle(terrain)
         x, y = (west + east) / 2, (south + north) / 2
-        self._orbit = self._create_orbit(
+        self._orbit = OrbitController(
+            self._surface_height,
             (x, y, float(surface_heights(terrain, x, y))),
             distance=_START_VIEW[0] * terrain.extent * max(_LEAST_ASPECT / aspect, 1.0),
             elevation=_START_VIEW[1],
+            fov=_FOV,
         )
         self._walk: WalkController | None = None
 
@@ -190,13 +192,6 @@ class CameraController:
         if motion.up:
             self._orbit.zoom(math.exp(_ZOOM_RATE * motion.boost * motion.up * min(elapsed, 0.2)))
 
-    def _create_orbit(
-        self, pivot: Vector, *, distance: float, heading: float = 0.0, elevation: float, fov: float = _FOV
-    ) -> OrbitController:
-        return OrbitController(
-            self._surface_height, pivot, heading=heading, elevation=elevation, distance=distance, fov=fov
-        )
-
     def _start_orbit(self, camera: Camera) -> None:
         """Orbit the terrain position in the image centre; if it is sky, a point in front of the camera."""
         place = intersect_terrain(
@@ -207,9 +202,8 @@ class CameraController:
             place = (x, y, z)
         distance = float(np.linalg.norm(np.subtract(place, camera.eye)))
         self._walk = None
-        self._orbit = self._create_orbit(
-            place, distance=distance, heading=camera.heading, elevation=-camera.pitch, fov=camera.fov
-        )
+        angles = {"heading": camera.heading, "elevation": -camera.pitch, "fov": camera.fov}
+        self._orbit = OrbitController(self._surface_height, place, distance=distance, **angles)
 
 
 class _Glide:

@@ -44,8 +44,8 @@ class Projection:
     def __init__(self, frame: FrameFacts, rectangle: tuple[float, float, float, float]) -> None:
         self.eye: Float64Array = np.array(frame.pose.eye, np.float64)
         self.rectangle = rectangle
-        self._clip: Float64Array = frame.pose.to_clip(frame.width / frame.height)
-        self._inverse = np.asarray(np.linalg.inv(self._clip), np.float64)
+        self._pose, self._aspect = frame.pose, frame.width / frame.height
+        self._clip: Float64Array = frame.pose.to_clip(self._aspect)
 
     def project(self, points: npt.ArrayLike) -> ProjectedPoints:
         """Project points (n, 3) in m."""
@@ -62,9 +62,7 @@ class Projection:
         """Return the unit vector of a pixel's ray."""
         left, top, width, height = self.rectangle
         across, up = 2.0 * (x - left) / width - 1.0, 1.0 - 2.0 * (y - top) / height
-        near, far = (self._inverse @ [across, up, depth, 1.0] for depth in (-1.0, 1.0))
-        along = far[:3] / far[3] - near[:3] / near[3]
-        return np.asarray(along / np.linalg.norm(along))
+        return self._pose.ray(across, up, self._aspect)
 
     def intersect_level(self, x: float, y: float, z: float) -> tuple[float, float] | None:
         """Return where (m) a pixel's ray meets the plane at height z (m); None if nowhere or too far."""

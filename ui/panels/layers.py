@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import partial
 
-from PyQt6.QtCore import QObject, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QSignalBlocker, QSize, Qt
 from PyQt6.QtWidgets import QLabel
 
 from sketchterrain.document.label_layers import MAX_LABELS, LabelImage, label_areas
@@ -12,58 +12,19 @@ from sketchterrain.schema.layers import LANE_WIDTHS, LAYERS
 from sketchterrain.ui import commands
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, column, described, row, tabular, tool_button
+from sketchterrain.ui.models.background import BackgroundReader
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.controls import SLIDER_STEPS, Panel, label_title, number, slider, with_unit
 from sketchterrain.ui.panels.drapes import DrapeList
 from sketchterrain.ui.panels.layer_list import LayerList, Row
 
-_SLICE = 1 << 20  # px: a few ms
+_AT_ONCE = 1 << 22  # px that are counted at once, in some ms; more are on a thread
 
 
-class LabelAreaCounter(QObject):
-    """Counts pixels of label images in slices between events; a newer image of a layer replaces the older."""
-
-    counted = pyqtSignal(str, object)  # a layer, and pixels by label
-
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._images: dict[str, LabelImage] = {}
-        self._pending: dict[str, tuple[int, dict[int, int]]] = {}
-        self._timer = QTimer(self)
-        self._timer.setInterval(0)
-        self._timer.timeout.connect(self._continue)
-
-    def count(self, layers: Mapping[str, LabelImage]) -> None:
-        """Count those layers whose images have changed."""
-        for name, image in layers.items():
-            if self._images.get(name) is image:
-                continue
-            self._images[name] = image
-            self._pending[name] = (0, {})
-            if image.size <= _SLICE:
-                self._count_slice(name)
-        if self._pending:
-            self._timer.start()
-
-    def _continue(self) -> None:
-        name = next(iter(self._pending), None)
-        if name is None:
-            self._timer.stop()
-        else:
-            self._count_slice(name)
-
-    def _count_slice(self, name: str) -> None:
-        image = self._images[name]
-        top, areas = self._pending[name]
-        bottom = top + max(1, _SLICE // image.shape[1])
-        for label, pixels in label_areas(image[top:bottom]).items():
-            areas[label] = areas.get(label, 0) + pixels
-        if bottom < image.shape[0]:
-            self._pending[name] = (bottom, areas)
-        else:
-            del self._pending[name]
-            self.counted.emit(name, areas)
+def _areas_of(images: Mapping[str, LabelImage]) -> dict[str, dict[int, int]]:
+    """Return the pixels of each layer's labels."""
+    return {name: label_areas(image) for name, image in images.items()}
 
 
 def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
@@ -120,10 +81,10 @@ class LayersPanel(Panel):
         items = (title, (self.opacity, 1), self._percent, buttons)
         bottom = row(None, *items, margins=(MARGIN, SMALL, SPACING, SMALL))
         column(self, (self.list, 1), bottom, self.drapes, margins=(SMALL, SMALL, SMALL, 0), spacing=0)
-        self._counter = LabelAreaCounter(self)
+        self._images: dict[str, LabelImage] = {}  # of `_areas`
+        self._counting = BackgroundReader(self)
         self._connect()
-        self._counter.count(document.sketch.layers)
-        self._refresh()
+        self._show_sketch()
 
     def new_label(self) -> None:
         """Add a label with default properties to the active layer and use it."""
@@ -208,16 +169,22 @@ class LayersPanel(Panel):
         workspace.label_changed.connect(self._refresh)
         workspace.look_changed.connect(self._refresh)
         self._document.sketch_changed.connect(self._show_sketch)
-        self._counter.counted.connect(self._show_areas)
 
     def _show_sketch(self) -> None:
-        self._counter.count(self._document.sketch.layers)
-        self._refresh()
-
-    def _show_areas(self, layer: str, areas: dict[int, int]) -> None:
-        if areas != self._areas[layer]:
-            self._areas[layer] = areas
+        layers = self._document.sketch.layers.items()
+        images = {name: image for name, image in layers if self._images.get(name) is not image}
+        count, show = partial(_areas_of, images), partial(self._show_areas, images)
+        self._counting.cancel()
+        if sum(image.size for image in images.values()) > _AT_ONCE:
+            self._counting.read(count, show)
             self._refresh()
+        else:
+            show(count())
+
+    def _show_areas(self, images: dict[str, LabelImage], areas: dict[str, dict[int, int]]) -> None:
+        self._images |= images
+        self._areas |= areas
+        self._refresh()
 
     def _refresh(self, *_: object) -> None:
         workspace = self._workspace

@@ -100,7 +100,7 @@ def hatch(kind: str, period: int) -> Float32Array:
     painter.strokePath(path, QPen(QColor(255, 255, 255), width, cap=cap, join=join))
     painter.end()
     pixels = np.frombuffer(cast(Any, image.constBits()).asstring(image.sizeInBytes()), np.uint8)
-    covered: Float32Array = pixels.reshape(period, -1)[:, :period] / np.float32(255.0)
+    covered = np.asarray(pixels.reshape(period, -1)[:, :period] / np.float32(255.0), np.float32)
     covered.flags.writeable = False
     return covered
 

@@ -53,6 +53,8 @@ def pytest_configure(config):
         warm_up(cache)
     os.environ["XDG_CACHE_HOME"] = str(cache)
     os.environ["SKETCHTERRAIN_TWIN_DEVICE"] = "1"
+    if config.option.numprocesses:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads spin beside the other workers
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -121,6 +121,7 @@ def test_the_cache_holds_the_library_where_the_package_cannot_be_written(
     locked.parent.write_text("a file, where a folder would be made")
     monkeypatch.setattr(library, "__file__", str(locked))
     monkeypatch.setattr(library, "cache_folder", lambda: tmp_path)
+    monkeypatch.setenv(compiling.VARIABLE, "cc -O0")  # sooner compiled
     assert library._library()
     (built,) = (tmp_path / "host").glob("*.so")
     assert built.name == compiling.library_name(library.SOURCES, library._level())

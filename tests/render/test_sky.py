@@ -66,11 +66,11 @@ def direction(elevation, azimuth=0.0):
     return np.stack(np.broadcast_arrays(np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
 
 
-NEAR = np.polynomial.legendre.leggauss(400)
+NEAR = np.polynomial.legendre.leggauss(200)
 
 
 def optical_depth(air, height, cosine):
-    """To the top of the air from a height (m), by 800 steps; (3,)."""
+    """To the top of the air from a height (m), by 400 steps; (3,)."""
     r = GROUND + height
     path = -r * cosine + np.sqrt(r * r * (cosine * cosine - 1.0) + TOP**2)
     perigee = np.clip(-r * cosine, 0.0, path)

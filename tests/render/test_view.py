@@ -2,6 +2,7 @@
 
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
 
 import moderngl
 import numpy as np
@@ -45,16 +46,16 @@ def terrain():
 
 
 @pytest.fixture(scope="module")
-def cameras(terrain):
-    return {kind: find_view(terrain, kind) for kind in HEIGHTS}
+def camera_of(terrain):
+    return cache(partial(find_view, terrain))
 
 
 @pytest.mark.slow
-def test_views_have_their_height_and_a_high_horizon(terrain, cameras):
+def test_views_have_their_height_and_a_high_horizon(terrain, camera_of):
     cover = LandCover(terrain, sample_heights(terrain, (1500.0, 1125.0), 3900.0, 128))
-    for kind, camera in cameras.items():
+    for kind, (low, high) in HEIGHTS.items():
+        camera = camera_of(kind)
         x, y, z = camera.eye
-        low, high = HEIGHTS[kind]
         assert low <= z - float(terrain.heights(x, y)) <= high, kind
         # The skyline, of trees at eye level, is in the upper third, below the border.
         bearing = np.radians(camera.heading) + np.radians(np.linspace(-25.0, 25.0, 21))[:, None]
@@ -68,7 +69,7 @@ def test_views_have_their_height_and_a_high_horizon(terrain, cameras):
         at = (skyline - np.tan(np.radians(camera.pitch))) / half
         assert 0.2 <= np.median(at) <= 0.95, kind
         assert at.max() < 1.0, kind
-    assert find_view(terrain, "ground") == cameras["ground"]
+    assert find_view(terrain, "ground") == camera_of("ground")
 
 
 def test_a_rectangle_is_framed_and_seen(terrain):
@@ -82,9 +83,9 @@ def test_a_rectangle_is_framed_and_seen(terrain):
         assert camera.eye[2] > float(terrain.heights(*camera.eye[:2])) + 20.0
 
 
-def test_eye_level_views_are_dry_level_and_open(terrain, cameras):
+def test_eye_level_views_are_dry_level_and_open(terrain, camera_of):
     for kind in ("ground", "hill"):
-        camera = cameras[kind]
+        camera = camera_of(kind)
         x, y, _ = camera.eye
         plants = terrain.foliage(x - 5.0, y - 5.0, x + 5.0, y + 5.0)
         assert not (np.hypot(plants["x"] - x, plants["y"] - y) < 5.0).any(), kind

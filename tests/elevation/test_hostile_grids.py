@@ -1,6 +1,5 @@
 """Grids as they come: voids, tags, datums, places and overlaps of every kind, up to the surface."""
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from sketchterrain.errors import InputError
 from tests.elevation.conftest import FRAME as UTM
 from tests.elevation.conftest import MakeGrid, ground, write
 
-DATA = Path(os.environ.get("SKETCHTERRAIN_DEMS", "no folder of real DEMs"))
 ROW, COLUMN = np.indices((60, 80)).astype(np.float64)
 RELIEF = 600.0 + 40.0 * np.sin(ROW / 7.0) + 30.0 * np.cos(COLUMN / 9.0) + 2.0 * COLUMN
 
@@ -132,12 +130,3 @@ def test_a_metre_inset_in_a_coarse_grid(make_grid: MakeGrid) -> None:
     line = surface(coarse, inset, at=(5000.0 + axis, 5000.0 + 0.3 * axis))
     assert np.abs(np.diff(line.height)).max() < 0.5  # no step at its rim
     assert line.weight.min() == 1.0
-
-
-@pytest.mark.skipif(not DATA.is_dir(), reason="no data")
-def test_the_real_metre_inset() -> None:
-    inset = read_grid(
-        DATA / "kootenai_1m.asc", SketchFrame("EPSG:32611", 556_000.0, 5_394_000.0), crs="EPSG:32611"
-    )
-    assert inset.samples.shape == (37, 50)
-    assert_exact(inset)

@@ -17,7 +17,6 @@ from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.files import (
     format_rows,
     move_files,
-    prepare_folder,
     staging,
     stale_files,
     write_json,
@@ -68,19 +67,6 @@ def test_killed_process_leaves_the_old_file_unchanged(tmp_path):
     )
     run_killed(code, path)
     assert path.read_bytes() == b"old"
-
-
-def test_folders_are_created_with_parents_or_refused(tmp_path):
-    prepare_folder(tmp_path / "a" / "b")
-    prepare_folder(tmp_path / "a" / "b")
-    assert list((tmp_path / "a" / "b").iterdir()) == []
-
-    (tmp_path / "c").write_bytes(b"mine")
-    with pytest.raises(InputError, match="expected a folder"):
-        prepare_folder(tmp_path / "c")
-    with pytest.raises(SketchterrainError, match="cannot be written"):
-        prepare_folder(tmp_path / "c" / "b")
-    assert (tmp_path / "c").read_bytes() == b"mine"
 
 
 def test_geopackages_in_a_folder_of_any_name(tmp_path):

@@ -10,7 +10,6 @@ from rasterio.transform import Affine
 
 from sketchterrain.document.rasters import RasterSource, raster_source
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.elevation.base import load_base
 from sketchterrain.errors import InputError
 from sketchterrain.importing.elevation import aligned, elevation_files, sketch_on_elevation, with_lakes
@@ -151,16 +150,6 @@ def test_refusals(tmp_path):
     (tmp_path / "notes.txt").write_text("no grid")
     assert elevation_files(tmp_path) == [tmp_path / "a.tif", tmp_path / "s.tif"]
     assert elevation_files(tmp_path / "notes.txt") == [tmp_path / "notes.txt"]
-
-
-def test_paths_are_relative_inside_of_the_sketch(tmp_path):
-    home = tmp_path / "home"
-    home.mkdir()
-    sketch = sketch_on_elevation([dem(home / "a.tif")])[0]
-    save_sketch(sketch, home)
-    assert 'path = "a.tif"' in (home / "sketch.toml").read_text()
-    home.rename(tmp_path / "moved")
-    check_inside(load_sketch(tmp_path / "moved"))
 
 
 def test_offsets_of_overlapping_files_are_told_and_removed(tmp_path):

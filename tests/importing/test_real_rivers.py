@@ -113,35 +113,3 @@ def write_osm(path, nodes, ways):
         text.append(f'<way id="{number}">{inside}</way>')
     path.write_text("\n".join([*text, "</osm>"]))
     return path
-
-
-def test_tags_of_openstreetmap_are_read(tmp_path) -> None:
-    nodes = {1: (11.0, 47.0), 2: (11.01, 47.0), 3: (11.01, 47.01), 4: (11.0, 47.01)}
-    ring = [1, 2, 3, 4, 1]
-    path = write_osm(
-        tmp_path / "map.osm",
-        nodes,
-        [
-            ([1, 3], {"waterway": "river", "width": "7.5 m", "name": "Ötz &quot;upper&quot;"}),
-            ([2, 4], {"highway": "primary"}),
-            (ring, {"natural": "water", "water": "river"}),
-            (ring, {"natural": "water", "depth": "4"}),
-            (ring, {"landuse": "forest"}),
-            (ring, {"building": "yes"}),
-            (ring, {"leisure": "park"}),
-        ],
-    )
-    traced = sketch_from_vectors(path, size_px=32)
-    used = (
-        "1 line as river, 1 area as river, 1 area as lake, 1 line as road, 1 area as pad, 1 area as landuse"
-    )
-    assert traced.notes[0] == f"used: {used}"
-    assert not any(note.startswith("skipped") for note in traced.notes)
-    vectors = traced.sketch.vectors
-    first, second = (dict(vectors["river"].feature(number).properties) for number in (1, 2))
-    assert first == {"width": 7.5, "directed": 1, "name": 'Ötz "upper"'}
-    assert second == {"width": 0}
-    assert dict(vectors["lake"].feature(1).properties) == {"depth": 4}
-    assert traced.sketch.properties("landuse", int(vectors["landuse"].labels[0]))["use"] == "forest"
-    # With a default for features without tags parks are used too.
-    assert sketch_from_vectors(path, layer="dune", size_px=32).sketch.layers["dune"].any()

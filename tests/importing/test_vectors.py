@@ -9,7 +9,7 @@ import pyogrio
 import pytest
 import rasterio.warp
 import shapely
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import ndimage
 
@@ -19,7 +19,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.importing.images import detect_kind
 from sketchterrain.importing.legend import cluster_properties
 from sketchterrain.importing.vector_files import mean_longitude, metric_crs_at, reproject
-from sketchterrain.importing.vectors import paint_areas, paint_lines, sketch_from_vectors
+from sketchterrain.importing.vectors import _joined, paint_areas, paint_lines, sketch_from_vectors
 from sketchterrain.io.crs import parse_crs, parse_metric_crs
 from sketchterrain.landforms.hydrology.rivers import lay_out_water
 from sketchterrain.stages.runner import Runner
@@ -166,6 +166,29 @@ def test_lines_that_nearly_meet_are_one_network(written, gap) -> None:
     assert (main.line[0].tolist(), main.line[-1].tolist()) == ([500, 500], [1500, 500])
     assert stream.parent is main
     np.testing.assert_array_equal(stream.line[-1], main.line[stream.joint])
+
+
+@given(st.integers(0, 1000), st.integers(1, 12))
+def test_tributaries_of_random_stems_join_them(seed, count) -> None:
+    random = np.random.default_rng(seed)
+    stem = shapely.LineString(np.cumsum(random.uniform(-20, 100, (5, 2)), axis=0))
+    along = np.sort(random.choice(np.arange(2, int(stem.length) - 2, 3), count, replace=False))
+    ends = shapely.get_coordinates(shapely.line_interpolate_point(stem, along))
+    tops = ends + random.choice([-1, 1]) * np.array([1000.0, -1000.0])
+    before = [stem, *shapely.linestrings(np.stack([tops, ends], axis=1))]
+    before = shapely.transform(np.array(before), lambda at: np.rint(at * 1024) / 1024)
+    away = shapely.distance(before[1:, None], shapely.points(ends))
+    assume((away[~np.eye(count, dtype=bool)] > 1.0).all() and stem.is_simple)
+    main, *others = _joined(before)
+    vertices = [tuple(at) for at in main.coords]
+    for line_, original in zip(others, before[1:], strict=True):
+        assert line_.coords[0] == original.coords[0]
+        assert line_.coords[-1] in vertices
+        assert math.dist(line_.coords[-1], original.coords[-1]) < 0.002
+    assert main.hausdorff_distance(before[0]) < 0.002
+    assert set(before[0].coords) <= set(vertices)
+    places = [before[0].project(shapely.Point(at)) for at in vertices]
+    assert np.diff(places).min() > -0.002
 
 
 def test_riverbanks_are_areas(written) -> None:
@@ -420,6 +443,15 @@ def test_areas_are_painted_by_pixel_centres_or_by_touch() -> None:
     assert not paint_areas((10, 10), np.array([]), touched=True).any()
 
 
+@given(st.lists(st.floats(0.1, 2000), min_size=1, max_size=80), st.integers(1, 16))
+def test_number_and_error_of_clusters_are_bounded(values, most) -> None:
+    of, classes, error = cluster_properties([{"width": value, "kind": "a"} for value in values], most)
+    assert 1 <= len(classes) <= most
+    for value, index in zip(values, of, strict=True):
+        if np.isfinite(error):
+            assert abs(classes[index]["width"] / value - 1) <= error + 1e-12
+
+
 def test_utm_metres_are_true_and_crs_can_be_code_urn_or_wkt() -> None:
     degrees = parse_crs("OGC:CRS84")
     for lon in [-179.5, -60.0, 0.1, 11.0, 179.5]:
@@ -488,6 +520,7 @@ def test_all_formats_give_the_same_sketch(tmp_path) -> None:
 
 def test_malformed_geojson_is_refused(tmp_path) -> None:
     collection = '{"type":"FeatureCollection","features":%s}'
+    nowhere = collection[:-1] + ',"crs":{"type":"name","properties":{"name":"EPSG:77777"}}}'
     for content, message in [
         ("", "begins with b''"),
         ("[1, 2]", "expected a vector file"),
@@ -503,6 +536,7 @@ def test_malformed_geojson_is_refused(tmp_path) -> None:
         ),
         (FEATURE % (LINE % "[[452000,5403000],[453000,5404000]]"), "not a longitude and latitude"),
         (FEATURE % (LINE % "[[11,47],[11,95]]"), "11, 95 is not a longitude and latitude"),
+        (nowhere % "[]", "'EPSG:77777' is not a coordinate reference system"),
         (FEATURE % (LINE % "[[11,47],[11,47]]"), "the area is 0 m long"),
         (FEATURE % (LINE % "[[11,47],[60,47]]"), "expected 1 to 1e+06 m"),
         (FEATURE.replace("water", "high") % (LINE % "[[11,47],[11,48]]"), "no feature has a layer"),

@@ -1,4 +1,4 @@
-"""Eight sketches as different people would paint them, to judge landforms by.
+"""Sketches as different people would paint them, to judge landforms by.
 
 Each function paints its strokes through fixed points with an unsteady hand: another `seed` is another attempt
 of the same person, and the random seed of the terrain. Points are (x, y) in pixels from the top left corner.
@@ -163,61 +163,6 @@ def range_across(seed: int = 0) -> Sketch:
     return canvas.sketch("Range across", 12000.0, labels, climate=climate, ground={"relief": 90.0})
 
 
-def horseshoe_massif(seed: int = 0) -> Sketch:
-    """A level designer's arena: a massif of broad brush strokes around a lake, with one way out."""
-    canvas = _Canvas(384, 384, seed)
-    west = [(112, 288), (74, 226), (78, 150), (128, 88)]
-    canvas.paint("mountain", 1, canvas.stroke(west, 56, 4.0, pressure=0.08))
-    canvas.paint("mountain", 1, canvas.stroke("100,112 166,72 236,80 284,118", 60, 4.0, pressure=0.06))
-    canvas.paint("mountain", 2, canvas.stroke("314,168 318,216 288,268", 46, 3.0, pressure=0.08))
-    canvas.paint("lake", 1, canvas.outline("160,190 200,162 236,186 238,226 206,250 170,234", 3))
-    canvas.paint(
-        "river",
-        1,
-        canvas.stroke("206,244 200,276 218,312 204,346 212,392", 2.0, 2.0),
-        canvas.stroke("196,96 204,128 194,150 202,176", 1.5, 1.5),
-    )
-    canvas.paint("river", 2, canvas.stroke("292,190 266,194 250,208 232,208", 1.0, 1.2))
-    canvas.paint("hill", 3, canvas.scribble(316, 346, 44, 20, 9, -0.2), canvas.scribble(58, 358, 36, 14, 9))
-    canvas.paint("forest", 1, canvas.scribble(160, 284, 22, 26, 6, 0.3), canvas.scribble(248, 262, 16, 20, 6))
-    canvas.paint("forest", 2, canvas.scribble(258, 328, 20, 30, 5), canvas.stroke("172,352 174,356", 4, 0.3))
-    labels: Labels = {
-        ("mountain", 1): {"height": 1150.0, "peakiness": 0.6, "multitude": 6},
-        ("mountain", 2): {"height": 760.0, "peakiness": 0.4, "erosion": 0.9, "multitude": 3},
-        ("hill", 3): {"multitude": 4},
-        ("river", 1): {"width": 14.0},
-        ("river", 2): {"width": 5.0, "depth": 0.8},
-        ("lake", 1): {"depth": 25.0},
-        ("forest", 2): {"density": 0.4},
-    }
-    return canvas.sketch("Horseshoe", 9000.0, labels, fidelity=0.9, climate={"tree_line": 700.0})
-
-
-def scattered_hills(seed: int = 0) -> Sketch:
-    """A wargamer's table for an afternoon: a dozen hills to fight over and two rivers that meet."""
-    canvas = _Canvas(320, 320, seed)
-    low = ((48, 44, 24, 17), (128, 30, 16, 15), (36, 196, 19, 25), (118, 226, 17, 16), (292, 232, 20, 24))
-    high = ((236, 66, 34, 26), (92, 132, 30, 24), (208, 268, 36, 25), (288, 150, 18, 22))
-    for x, y, across, down in low:
-        canvas.paint("hill", 1, canvas.blob(x, y, across, down, canvas.rng.uniform(-0.6, 0.6)))
-    for x, y, across, down in high:
-        canvas.paint("hill", 2, canvas.blob(x, y, across, down, canvas.rng.uniform(-0.6, 0.6)))
-    canvas.paint("hill", 4, canvas.scribble(58, 282, 30, 18, 7, 0.2))
-    main = [(-20, 84), (34, 92), (60, 166), (112, 184), (160, 176), (214, 196), (262, 190), (330, 204)]
-    canvas.paint("river", 1, canvas.stroke(main, 2.0, 1.8))
-    canvas.paint("river", 2, canvas.stroke("184,-8 170,34 190,88 164,128 168,178", 1.6, 1.8))
-    for x, y, across, down in ((150, 70, 14, 12), (250, 122, 17, 12), (146, 264, 13, 15), (214, 234, 12, 8)):
-        canvas.paint("forest", 1, canvas.scribble(x, y, across, down, 4, canvas.rng.uniform(-1, 1)))
-    labels: Labels = {
-        ("hill", 1): {"height": 60.0, "multitude": 1},
-        ("hill", 2): {"height": 130.0, "multitude": 2, "erosion": 0.4},
-        ("river", 1): {"width": 0.0, "depth": 1.5},
-        ("river", 2): {"width": 14.0},
-        ("forest", 1): {"multitude": 5},
-    }
-    return canvas.sketch("Skirmish", 4000.0, labels, ground={"relief": 25.0, "wavelength": 900.0})
-
-
 def island_group(seed: int = 0) -> Sketch:
     """A fantasy author's archipelago: coasts drawn with a pencil, the sea poured in with the bucket."""
     canvas = _Canvas(512, 512, seed)
@@ -260,29 +205,6 @@ def island_group(seed: int = 0) -> Sketch:
         ("sea", 1): {"depth": 60.0},
     }
     return canvas.sketch("The Spilled Isles", 8000.0, labels, climate={"aridity": 0.1})
-
-
-def lone_river_plain(seed: int = 0) -> Sketch:
-    """A student's lowland for a flood exercise: one meandering river, woods and meadows of villages."""
-    canvas = _Canvas(256, 256, seed)
-    course = [(58, -8), (66, 22), (52, 48), (80, 66), (112, 62), (120, 90), (94, 108), (104, 134), (140, 130)]
-    course += [(160, 150), (148, 178), (172, 196), (204, 188), (216, 214), (210, 236), (222, 264)]
-    canvas.paint("river", 1, canvas.stroke(course, 1.6, 1.2))
-    for x, y, across, down in ((170, 54, 13, 8), (44, 150, 11, 13), (100, 212, 15, 7), (226, 132, 8, 10)):
-        canvas.paint("forest", 1, canvas.scribble(x, y, across, down, 3, canvas.rng.uniform(-1, 1)))
-    canvas.paint(
-        "material", 1, canvas.blob(140, 94, 10, 8), canvas.blob(74, 128, 9, 11), canvas.blob(186, 168, 11, 8)
-    )
-    canvas.paint("forest", 1, canvas.stroke("206,34 207,35", 2, 0.2), canvas.stroke("20,226 22,226", 2, 0.2))
-    labels: Labels = {
-        ("river", 1): {"width": 45.0, "depth": 4.0},
-        ("forest", 1): {"multitude": 4},
-        ("material", 1): {"material": "grass", "strength": 0.8},
-    }
-    density = {"forest": 0.2}
-    return canvas.sketch(
-        "Flood plain", 6000.0, labels, ground={"relief": 20.0, "wavelength": 3000.0}, density=density
-    )
 
 
 def plateau_canyon(seed: int = 0) -> Sketch:
@@ -376,10 +298,7 @@ SKETCHES: Mapping[str, Callable[[int], Sketch]] = MappingProxyType(
         each.__name__: each
         for each in (
             range_across,
-            horseshoe_massif,
-            scattered_hills,
             island_group,
-            lone_river_plain,
             plateau_canyon,
             broad_hills,
             childs_drawing,

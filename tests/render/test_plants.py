@@ -22,7 +22,6 @@ from sketchterrain.render.plant_cells import (
 from sketchterrain.render.plant_cells import CELL as STAND_CELL
 from sketchterrain.render.plant_meshes import (
     FILL,
-    KINDS,
     SOFT,
     WIDEST,
     PlantDensity,
@@ -165,19 +164,6 @@ def test_details_cross_fade():
     finest = [detail_shares(pixels, np.full(len(pixels), w), steps)[:, 0] > 0.5 for w in (0.0, 1.0)]
     changes = [pixels[np.argmax(each)] for each in finest]
     assert changes[1] / changes[0] > 1.2
-
-
-def test_commands_draw_each_instance_once(gl):
-    meshes = PlantMeshes(gl)
-    counts = np.random.default_rng(1).integers(0, 5, (KINDS, DETAILS))
-    total = int(counts.sum())
-    whole = meshes.commands(counts, 0, total)
-    assert whole[:, 1].sum() == total
-    parts = np.concatenate([meshes.commands(counts, k, min(k + 3, total)) for k in range(0, total, 3)])
-    assert parts[:, 1].sum() == total
-    assert (np.diff(parts[:, 3].astype(int)) > 0).all()
-    ends = (meshes.first + meshes.vertices).ravel()
-    assert (meshes.first.ravel()[1:] == ends[:-1]).all()
 
 
 @pytest.mark.gl

@@ -303,21 +303,6 @@ def test_white_furnace_reflects_at_most_all_light(gl):
         assert (0.87 if to_eye >= 0.6 else 0.4) <= share <= 1.003, (roughness, to_eye)
 
 
-def test_reflectance_is_reciprocal(gl):
-    light, eye = unit_vectors(400, seed=2), unit_vectors(400, seed=3)
-    light[:, 2], eye[:, 2] = np.abs(light[:, 2]) + 0.02, np.abs(eye[:, 2]) + 0.02
-    light, eye = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (light, eye))
-    for roughness in ROUGHNESS:
-        # Two directions in four numbers: x and y of each.
-        call = (
-            f"vec4(reflectance(vec3(0.3, 0.5, 0.7), vec3({F0}), {roughness}, vec3(0.0, 0.0, 1.0),"
-            " vec3(a.xy, sqrt(1.0 - dot(a.xy, a.xy))), vec3(a.zw, sqrt(1.0 - dot(a.zw, a.zw)))), 0.0)"
-        )
-        there = evaluate(gl, SURFACE, call, np.c_[eye[:, :2], light[:, :2]])[:, :3] / light[:, 2:]
-        back = evaluate(gl, SURFACE, call, np.c_[light[:, :2], eye[:, :2]])[:, :3] / eye[:, 2:]
-        assert np.allclose(there, back, rtol=5e-4, atol=1e-6), roughness
-
-
 def test_reflectance_equals_its_formula(gl):
     """Hammon's diffuse part and Trowbridge and Reitz's facets, in double precision."""
     g, f0, albedo = 0.49, 0.04, 0.5

@@ -97,22 +97,6 @@ def test_shares_are_the_areas_of_texels_inside() -> None:
         assert np.abs(share[near] / MEADOW - expected).max() < 1.5 / 255.0, (level, place)
 
 
-def test_neighbours_leave_no_gap_and_do_not_overlap() -> None:
-    """Of any form; and a hundred thousand curves in a tile."""
-    x, y = (each.ravel() for each in np.meshgrid(*2 * [1100.0 + 1.5 * np.arange(160)]))
-    for areas, bounds, levels in (
-        (partition(300, 4, at=(24.0, 24.0)), (24.0, 24.0, 1024.0, 1024.0), (-1, 1, 4, 7)),
-        (shapely.box(x, y, x + 1.5, y + 1.5), (1100.0, 1100.0, 1340.0, 1340.0), (0, 2)),
-    ):
-        paint = appearance(areas)
-        for level, part in itertools.product(levels, (0.5, 0.75)):
-            place = bounds[0] + part * (bounds[2] - bounds[0]), bounds[3] - part * (bounds[3] - bounds[1])
-            key = (level, *(int(each // (EXTENT / 2.0**level)) for each in place))
-            share, whole = paint.tiles([key])[0, ..., 3], texels_within(key, *bounds)
-            assert whole.sum() > 50
-            assert np.abs(share[whole].astype(int) - MEADOW).max() <= 1, key
-
-
 def test_the_higher_of_two_overlapping_areas_is_on_top() -> None:
     both = [shapely.box(100.0, 100.0, 300.0, 300.0), shapely.box(200.0, 200.0, 400.0, 400.0)]
     paint = appearance(both, use=["field", "built_up"])
@@ -125,33 +109,6 @@ def test_the_higher_of_two_overlapping_areas_is_on_top() -> None:
     share = one[..., 3][texels_within(key, 100.0, 100.0, 200.0, 300.0)]
     assert share.size > 1000
     assert (share > 150).all()
-
-
-def test_neighbouring_tiles_share_texels() -> None:
-    road = make_road([(300, 420, 0), (700, 640, 0), (1100, 1300, 0)], width=7.0)
-    paint = appearance(partition(60, 2), [road], use=["field", "meadow", "built_up", "forest"] * 15)
-    for level in (0, 3, 6, 10):
-        width = EXTENT / 2.0**level
-        column, row = int(700 // width), int(640 // width)
-        here, east, north = paint.tiles(
-            [(level, column, row), (level, column + 1, row), (level, column, row + 1)]
-        )
-        assert here[..., 3].any()
-        for one, other in ((here[:, -2:], east[:, :2]), (here[:2], north[-2:])):
-            off = np.abs(one.astype(int) - other) * (one[..., 3:] > 0)  # without a share any colour will do
-            assert (off > 1).any(axis=-1).sum() <= 2, level  # rounding moves a texel over a plot's border
-
-
-def test_windows_are_tiles_of_any_cell_size() -> None:
-    road = make_road([(300, 420, 0), (700, 640, 0), (1100, 1300, 0)], width=7.0)
-    paint = appearance(partition(60, 2), [road], use="field", slope=(0.1, 0.05))
-    texel = paint.texel(5)
-    tiles = paint.tiles([(5, 5, 5), (5, 6, 5)])
-    west, north = 5 * 128.0 + 0.5 * texel, 6 * 128.0 - 0.5 * texel
-    window = paint.window(west, north, cell=(texel, texel), columns=300, rows=100)
-    assert window.shape == (100, 300, 4)
-    both = np.concatenate([tiles[0, 1:-1, 1:-1], tiles[1, 1:-1, 1:-1]], axis=1)[:100, :300]
-    np.testing.assert_array_equal(window, both)
 
 
 def test_no_tile_is_left_out_by_occupied() -> None:

@@ -8,7 +8,6 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event
 
 import pytest
 
@@ -17,7 +16,6 @@ from sketchterrain.document.store import JOURNAL, file_hashes, load_sketch, save
 from sketchterrain.schema.layers import PAINTED_LAYERS
 from sketchterrain.ui.models.background import (
     Autosave,
-    BackgroundQueue,
     Lock,
     SketchSaver,
     new_recovery_path,
@@ -192,40 +190,6 @@ def test_an_unwritable_folder_is_reported_once(document, tmp_path):
         autosave.wait()
     assert len(errors) == 1
     autosave.close()
-
-
-def test_work_runs_in_order_and_newer_work_replaces_pending_work(qapp, qtbot):
-    background, started, go, done, reported = BackgroundQueue(), Event(), Event(), [], []
-
-    def first():
-        started.set()
-        assert go.wait(300)
-        done.append("first")
-
-    background.do("a", first, lambda line: reported.append(("first", line)))
-    assert started.wait(300)
-    for number in range(5):
-        for purpose, what in (("a", number), ("b", -number)):
-            background.do(
-                purpose, lambda n=what: done.append(n), lambda line, n=what: reported.append((n, line))
-            )
-    assert background.is_busy
-    go.set()
-    qtbot.waitUntil(lambda: not background.is_busy)
-    assert done == ["first", 4, -4]
-    assert reported == [("first", ""), (4, ""), (-4, "")]
-
-
-def test_saving_runs_in_the_background(document, saver, qtbot, tmp_path):
-    seed(document, 4)
-    path = tmp_path / "valley.sketch"
-    with qtbot.waitSignal(saver.saved) as signal:
-        saver.save(path)
-        assert saver.is_busy
-        assert document.is_modified
-    assert signal.args == [path]
-    assert (document.path, document.is_modified, saver.is_busy) == (path, False, False)
-    assert same(load_sketch(path), document.sketch)
 
 
 def test_the_newest_state_is_saved_at_each_path(document, saver, tmp_path):

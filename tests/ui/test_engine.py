@@ -143,45 +143,6 @@ def finish_messages(link, listener):
 
 
 @pytest.mark.slow
-def test_committing_a_stroke_already_sent_sends_nothing(running, qapp):
-    document, link, _ = running
-    draft = paint(document, "mountain", (60, 60, 72, 72), title=None)
-    wait(converged(link, newest(link) + 1))
-    heights, version = link.relief.height, newest(link)
-    draft.commit("Paint mountains")
-    qapp.processEvents()
-    assert link._updates.is_empty
-    assert not link._timer.isActive()
-    assert (newest(link), link.relief.height is heights) == (version, True)
-    document.undo()
-    wait(converged(link, version + 1))
-    assert link.relief.height is not heights
-
-
-@pytest.mark.slow
-def test_the_newest_of_many_quick_updates_is_displayed(running, qapp):
-    document, link, listener = running
-    listener.updated.clear()
-    listener.frames.clear()
-    draft = document.begin_draft("hill")
-    for step in range(20):
-        draft.image[50:60, 10 + step : 14 + step] = 1
-        draft.touch((50, 10 + step, 60, 14 + step))
-        wait(lambda: not link._timer.isActive())  # it is sent
-    draft.commit("Paint hills")
-    qapp.processEvents()
-    wait(lambda: converged(link, newest(link))() and not link._timer.isActive())
-    versions = [each.version for each in listener.updated if not each.draft]
-    assert versions == sorted(set(versions))
-    assert versions[-1] == newest(link)
-    displayed = {frame.version for frame in listener.frames}
-    assert displayed <= {*versions, versions[0] - 1} | set(range(versions[0]))
-    assert link.placed.version == newest(link)
-    document.undo()
-    wait(converged(link, newest(link) + 1))
-
-
-@pytest.mark.slow
 def test_the_camera_moves_and_comes_to_rest(running, qapp):
     _, link, listener = running
 

@@ -218,23 +218,6 @@ def test_the_other_end_follows_strokes_undo_settings_and_other_documents(small_d
             )
 
 
-@sends_content
-def test_unchanged_layers_stay_the_same_array(small_document, builder, ends):
-    one, other = ends
-
-    def sent():
-        one.send(builder.next()[0])
-        return other.receive().sketch
-
-    before = sent()
-    draft = paint(small_document, "mountain", (3, 3, 5, 5), title=None)
-    stroke = sent()
-    assert stroke.layers["hill"] is before.layers["hill"]
-    assert stroke.layers["mountain"] is not before.layers["mountain"]
-    draft.commit("Paint mountains")
-    assert sent().layers["mountain"] is stroke.layers["mountain"]
-
-
 EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
 
 

@@ -165,15 +165,6 @@ def test_the_outline_of_a_lake_is_closed_and_may_not_touch_itself(canvas, blank,
     assert (lake.kind, lake.properties, len(lake.rings[0])) == (AREA, {}, 3)
 
 
-def test_other_layers_are_painted(canvas, blank, workspace, qtbot):
-    workspace.use_label("mountain", 1)
-    click(canvas, 300, 300)
-    click(canvas, 700, 300)
-    qtbot.keyClick(canvas, Qt.Key.Key_Return)
-    assert steps(blank) == ("Draw a line of mountains",)
-    assert blank.sketch.layers["mountain"].any()
-
-
 def test_vectors_are_drawn_in_their_colour_and_width(canvas, rivers, workspace):
     def is_blue(x, y):
         pixel = canvas.grab().toImage().pixelColor(at(canvas, x, y))
@@ -239,26 +230,6 @@ def test_vertices_are_inserted_and_deleted_then_the_line(canvas, rivers, workspa
     assert layer_of(rivers).ids.tolist() == [1]
     assert workspace.selection is None
     assert steps(rivers)[1:] == ("Delete a vertex of rivers", "Delete a feature of rivers")
-
-
-def test_split_join_and_reverse_are_one_step_each(rivers, workspace):
-    def run(name):
-        features.FEATURE_COMMANDS[name](rivers, workspace)
-
-    workspace.selection = Selection("river", 1, 1)
-    run("split-line")
-    assert len(layer_of(rivers)) == 3
-    assert workspace.selection == Selection("river", 1)
-    run("join-lines")
-    assert places(rivers, 1) == [[200, 600], [400, 640], [600, 600]]
-    run("reverse-line")
-    assert places(rivers, 1)[0] == [600, 600]
-    assert steps(rivers) == ("Split a line of rivers", "Join lines of rivers", "Reverse a line of rivers")
-    with pytest.raises(InputError, match="between its ends"):
-        run("split-line")
-    workspace.set_look("river", locked=True)
-    with pytest.raises(InputError, match="locked"):
-        run("delete-selection")
 
 
 def test_copied_vectors_are_pasted_beside(rivers, workspace):
@@ -328,29 +299,6 @@ def test_what_is_drawn_under_the_cursor_is_picked_before_what_is_near(canvas, bl
         found = selections_at(blank, workspace, NOT_PLACED, x, y, px)
         assert found[0] == Selection(*expected), (x, y, found)
     assert not selections_at(blank, workspace, NOT_PLACED, 300.0, 600 + 7 * px, px)
-
-
-def test_ten_thousand_rivers_are_drawn_and_hit_quickly(canvas, blank, workspace):
-    rng = np.random.default_rng(1)
-    count = 10_000
-    vertices = (
-        rng.uniform(0, 1200, (count, 1, 2)) + np.cumsum(rng.uniform(1, 9, (count, 10, 2)), 1)
-    ).reshape(-1, 2)
-    layer = VectorLayer(
-        "river",
-        vertices,
-        np.arange(0, 10 * count + 1, 10),
-        np.arange(count + 1),
-        np.full(count, LINE, np.uint8),
-        np.arange(1, count + 1),
-        np.ones(count, np.uint8),
-        {"smooth": np.ones(count, np.int64)},
-    )
-    blank.open(blank.sketch.replace(vectors={"river": layer}))
-    workspace.tool = "select"
-    canvas.grab()
-    x, y = layer.ring(77)[4]
-    assert selections_at(blank, workspace, NOT_PLACED, float(x), float(y), 0.01)[0].kind == "river"
 
 
 @pytest.fixture

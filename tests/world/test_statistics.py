@@ -1,7 +1,6 @@
 """Relief, slopes and hypsometry: analytic surfaces, NumPy on the whole, levels that agree."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,7 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.world import statistics as measured
 from sketchterrain.world.grid import World
-from sketchterrain.world.statistics import QUANTILES, compute_statistics
-from sketchterrain.world.stored_world import open_world
+from sketchterrain.world.statistics import compute_statistics
 
 
 class ArrayWorld:
@@ -133,16 +131,6 @@ def horn(z: npt.NDArray[np.float64], cell: float) -> npt.NDArray[np.float64]:
     return np.asarray(np.hypot(east, north))
 
 
-def test_flat_terrain_has_statistics() -> None:
-    found = compute_statistics(ArrayWorld(np.full((50, 60), 7.0, np.float32)))
-    assert (found.relief.minimum, found.relief.maximum, found.relief.standard_deviation) == (7.0, 7.0, 0.0)
-    assert found.relief.quantiles == dict.fromkeys([f"{share:g}" for share in QUANTILES], 7.0)
-    assert found.hypsometry.integral == 0.5
-    assert found.slopes is not None
-    assert found.slopes.maximum == 0.0
-    assert found.slopes.shares[0] == 1.0
-
-
 def test_statistics_are_independent_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     height = np.cumsum(np.random.default_rng(5).normal(size=(40, 9000)), axis=1).astype(np.float32)
     several = compute_statistics(ArrayWorld(height)).as_dict()
@@ -153,21 +141,3 @@ def test_statistics_are_independent_of_threads(monkeypatch: pytest.MonkeyPatch) 
 def test_missing_level_is_refused() -> None:
     with pytest.raises(InputError, match="no level 3: expected 0 to 0"):
         compute_statistics(ArrayWorld(np.zeros((5, 5), np.float32)), level=3)
-
-
-def test_statistics_of_levels_agree(finished_world: Path) -> None:
-    stored = open_world(finished_world)
-    shares: list[float] = []
-    finest, next_, *_ = (
-        compute_statistics(stored, level=level.number, progress=shares.append) for level in stored.levels
-    )
-    assert shares[-1] == 1.0
-    for at in ("0.25", "0.5", "0.75"):
-        assert next_.relief.quantiles[at] == pytest.approx(finest.relief.quantiles[at], abs=1.0)
-    assert next_.relief.mean == pytest.approx(finest.relief.mean, abs=0.5)
-    assert next_.area == pytest.approx(finest.area, rel=0.1)
-    whole = stored.read("height", 0, top=0, left=0, rows=finest.rows, columns=finest.columns)
-    assert (finest.relief.minimum, finest.relief.maximum) == (float(whole.min()), float(whole.max()))
-    weights = stored.read("materials", 0, top=0, left=0, rows=finest.rows, columns=finest.columns)
-    for number, name in enumerate(stored.material_names):
-        assert finest.materials[name] == pytest.approx(weights[number].mean() / 255.0, abs=1e-9)

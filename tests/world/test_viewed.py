@@ -135,25 +135,6 @@ def test_neighbours_and_parents_are_bit_equal_at_shared_vertices(terrain, odd):
         assert np.array_equal(own["parent_height"][1::2, 1::2], expected.astype(np.float32))
 
 
-def test_coarser_levels_subsample_the_coarsest(terrain, odd):
-    levels = StoredPyramid(odd)
-    last = odd.levels[-1]
-    coarse = levels.level(last.number + 2)
-    assert coarse.cell == 4 * last.cell
-    assert (coarse.columns - 1) * 4 >= last.columns - 1 > (coarse.columns - 2) * 4
-    found = levels.window("height", coarse.number, top=0, left=0, rows=coarse.rows, columns=coarse.columns)
-    assert np.array_equal(found[:-1, :-1], odd.data["height", last.number][:-1:4, :-1:4])
-
-
-def test_windows_extend_beyond_edges(terrain, odd):
-    levels, height = StoredPyramid(odd), odd.data["height", 0]
-    rows, columns = height.shape
-    found = levels.window("height", 0, top=-3, left=columns - 2, rows=8, columns=9)
-    assert np.array_equal(found, np.pad(height, ((3, 9), (0, 9)), mode="edge")[:8, columns - 2 : columns + 7])
-    outside = levels.window("materials", 0, top=rows + 5, left=-40, rows=2, columns=3)
-    assert (outside == odd.data["materials", 0][:, -1:, :1]).all()
-
-
 def test_geometric_error_bounds_distance_to_finest_level(terrain, whole):
     view = StoredTerrain(whole, terrain.context)
     finest = whole.data["height", 0]

@@ -88,23 +88,6 @@ def joined(files):
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def test_squares_cover_rectangle_without_gaps() -> None:
-    level = AREA.levels[0]
-    squares = {(row, column): plant_square(AREA, row, column) for row in range(2) for column in range(3)}
-    for (row, column), (west, south, east, north) in squares.items():
-        assert west < east
-        assert south < north
-        if (row, column + 1) in squares:
-            assert squares[row, column + 1][0] == east
-        if (row + 1, column) in squares:
-            assert squares[row + 1, column][3] == south
-    assert squares[0, 0][0::3] == (AREA.west, AREA.north)
-    assert squares[1, 2][1:3] == (
-        AREA.north - (level.rows - 1) * CELL,
-        AREA.west + (level.columns - 1) * CELL,
-    )
-
-
 def test_shard_of_one_column_has_no_plants(small_job) -> None:
     for across, squares in ((SHARD - 1, 1), (SHARD, 1), (SHARD + 1, 2)):
         job = replace(small_job, plants="parquet", world=World(0.0, 0.0, float(across), 1.0, 1.0))

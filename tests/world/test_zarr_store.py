@@ -161,20 +161,6 @@ def test_georeferences_agree(written, number):
     assert group.attrs["proj:code"] == "EPSG:25832"
 
 
-def test_consolidated_metadata_equal_members(written):
-    root = json.loads((written / "zarr.json").read_text())
-    members = root["consolidated_metadata"]["metadata"]
-    paths = {str(path.parent.relative_to(written)) for path in written.rglob("zarr.json")} - {"."}
-    assert set(members) == paths
-    for name, member in members.items():
-        own = json.loads((written / name / "zarr.json").read_text())
-        if own["node_type"] == "group":
-            inner = own["consolidated_metadata"].pop("metadata")
-            assert member["consolidated_metadata"].pop("metadata") == {}
-            assert {f"{name}/{each}": value for each, value in inner.items()}.items() <= members.items()
-        assert member == own
-
-
 def test_sketch_and_ledger_are_stored(written, job, tmp_path):
     group = zarr.open_group(written, mode="r")
     assert bytes(group["ledger"][:]).decode() == LEDGER == job.layout.ledger.read_text()

@@ -232,7 +232,6 @@ WORLD = [
     ("--grass", 3, ("grass without plants",)),
     ("--crs EPSG:4326", 3, ("in degrees",)),
     ("--crs nowhere", 3, ("not a coordinate reference system",)),
-    ("--origin inf,0", 3, ("finite origin",)),
     ("--origin x", 2, ("expected two numbers",)),
     ("--workers 0", 2, ("--workers",)),
     ("--workers 2 --scheduler tcp://127.0.0.1:1", 2, ("--workers with --scheduler",)),

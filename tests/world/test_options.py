@@ -75,8 +75,10 @@ def test_default_bounds_are_the_sketch() -> None:
     assert (world.west, world.south, world.east, world.north, world.cell) == (0.0, 0.0, 512.0, 384.0, 1.0)
 
 
-def test_layers_without_heights_are_refused() -> None:
+def test_options_that_no_command_line_has_are_refused() -> None:
     refused("expected height among them", WorldOptions(layers=("normal",)).check, SKETCH)
+    refused("finite origin", WorldOptions(origin=(float("inf"), 0.0)).check, SKETCH)
+    refused("finite bounds and cell", WorldOptions(cell=float("nan")).check, SKETCH)
 
 
 def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:

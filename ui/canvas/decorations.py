@@ -220,10 +220,10 @@ class Decorations:
         sketch, workspace = context.document.sketch, context.workspace
         if layers := visible_vectors(sketch, workspace):
             vectors = self._vectors.updated(*layers, sketch.labels, sketch.pixel_size)
-            painter.drawImage(QRectF(area), vectors, source)
+            painter.drawPixmap(QRectF(area), vectors, source)
         if "features" in overlays:
             features = self._features.updated(context.link.placed, workspace.tool == "select")
-            painter.drawImage(QRectF(area), features, source)
+            painter.drawPixmap(QRectF(area), features, source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if "contradictions" in overlays:
             draw_warnings(painter, context)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
-from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSizeF, pyqtSignal
+from PyQt6.QtCore import QObject, QPoint, QPointF, QRect, QRectF, QSizeF, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion, QTransform
 
 from sketchterrain.document.label_layers import Box
@@ -135,7 +135,7 @@ class SketchView(QObject):
         self.drapes = DrapePictures(context, self)
         self._tint: tuple[Agreement | None, str] = (None, "")
         self._tint_image: QImage | None = None
-        self._image = CanvasImage(context, self._compose, QImage.Format.Format_RGB32)
+        self._image = CanvasImage(context, self._compose, Qt.GlobalColor.white)
 
         context.document.opened.connect(self._on_opened)
         context.document.painted.connect(self._on_painted)
@@ -231,7 +231,7 @@ class SketchView(QObject):
             self.refresh()
         self.drapes.update()
         source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-        painter.drawImage(QRectF(area), self._image.updated(), source)
+        painter.drawPixmap(QRectF(area), self._image.updated(), source)
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         corner, scale = self._context.screen_from_sketch(0.0, 0.0), self._context.scale
         for image, place in self.drapes.above:

@@ -9,7 +9,7 @@ from functools import reduce
 from typing import Any, Final, overload
 
 from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
-from PyQt6.QtGui import QImage, QPainter
+from PyQt6.QtGui import QPainter, QPixmap
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.schema.layers import LAYERS
@@ -165,29 +165,6 @@ class ToolContext:
         return not refusal
 
 
-def _scroll(image: QImage, before: Viewport | None, viewport: Viewport) -> list[QRect]:
-    """Move the pixels of an image of the canvas to another viewport; return the areas to draw."""
-    if before == viewport:
-        return []
-    if before is None or replace(before, left=viewport.left, top=viewport.top) != viewport:
-        return [image.rect()]
-    right, down = viewport.left - before.left, viewport.top - before.top
-    width, height = image.width(), image.height()
-    if abs(right) >= width or abs(down) >= height:
-        return [image.rect()]
-    moved = image.copy(max(-right, 0), max(-down, 0), width - abs(right), height - abs(down))
-    painter = QPainter(image)
-    painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
-    painter.drawImage(max(right, 0), max(down, 0), moved)
-    painter.end()
-    uncovered = []
-    if right:
-        uncovered.append(QRect(0 if right > 0 else width + right, 0, abs(right), height))
-    if down:
-        uncovered.append(QRect(0, 0 if down > 0 else height + down, width, abs(down)))
-    return uncovered
-
-
 class CanvasImage:
     """An image of the whole canvas, drawn where it is stale; `draw` draws an area, both device pixels."""
 
@@ -195,10 +172,10 @@ class CanvasImage:
         self,
         context: ToolContext,
         draw: Callable[[QPainter, QRect], None],
-        form: QImage.Format = QImage.Format.Format_ARGB32_Premultiplied,
+        background: Qt.GlobalColor = Qt.GlobalColor.transparent,
     ) -> None:
-        self._context, self._draw, self._form = context, draw, form
-        self._image = QImage()
+        self._context, self._draw, self._background = context, draw, background
+        self._image = QPixmap()
         self._stale: list[QRect] = []
         self._key: tuple[object, ...] = ()
         self.viewport: Viewport | None = None  # that it shows; None before it was drawn
@@ -209,17 +186,21 @@ class CanvasImage:
         area = whole if area is None else area.intersected(whole)
         self._stale = [*(self._stale if area != whole else ()), *([] if area.isEmpty() else [area])]
 
-    def updated(self, *key: object) -> QImage:
+    def updated(self, *key: object) -> QPixmap:
         """Return the image of what a key stands for; where it is scrolled, only what is new is drawn."""
         viewport, before = self._context.viewport, self.viewport if key == self._key else None
         self._key, self.viewport = key, viewport
         if (self._image.width(), self._image.height()) != (viewport.width, viewport.height):
-            self._image, before = QImage(viewport.width, viewport.height, self._form), None
-        if before is not None:
+            self._image, before = QPixmap(viewport.width, viewport.height), None
+            self._image.fill(self._background)
+        if before is None or replace(before, left=viewport.left, top=viewport.top) != viewport:
+            self.invalidate()
+        else:
             right, down = viewport.left - before.left, viewport.top - before.top
             self._stale = [each.translated(right, down) for each in self._stale]
-        for area in _scroll(self._image, before, viewport):
-            self.invalidate(area)
+            for step in ((right, 0), (0, down)):
+                if exposed := self._image.scroll(*step, self._image.rect()):
+                    self.invalidate(exposed.boundingRect())
         stale, self._stale = self._stale, []
         if len(stale) > _MAX_AREAS:
             stale = [reduce(QRect.united, stale)]

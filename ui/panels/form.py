@@ -43,6 +43,7 @@ class ParameterRow(QWidget):
     """A parameter's title and help; subclasses add its control."""
 
     edited = pyqtSignal(object, object)  # the new value, None to reset it, and the merge key of the gesture
+    number = 0.0  # that a row of a number displays
 
     def __init__(
         self, parameter: Parameter, *, title: str = "", has_reset: bool = True, decimals: int = 3

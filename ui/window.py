@@ -18,7 +18,7 @@ from sketchterrain.errors import one_line
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.actions import DRAPE_METHODS, Actions, RecentMenu, add_menus, add_tool_bars
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
-from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.canvas.canvas import ZOOM, Canvas
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files, OpenDialogs
@@ -292,8 +292,8 @@ class MainWindow(QMainWindow):
                 "add-drapes": files.ask_add_drapes,
                 "quit": self.close,
                 "fit": self.canvas.fit,
-                "zoom-in": self.canvas.zoom_in,
-                "zoom-out": self.canvas.zoom_out,
+                "zoom-in": partial(self.canvas.zoom, ZOOM),
+                "zoom-out": partial(self.canvas.zoom, 1.0 / ZOOM),
                 "actual-size": self.canvas.actual_size,
                 "new-label": self._layers.new_label,
                 "delete-label": self._layers.delete_label,

@@ -35,7 +35,7 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 
 _MARGIN = 28  # logical px around a fitted sketch
-_ZOOM = 1.25
+ZOOM = 1.25  # a step
 _WHEEL_ZOOM = 1.2  # a notch
 _WHEEL_BRUSH = 1.15
 _STEP = 64.0  # logical px of an arrow key
@@ -46,7 +46,7 @@ _ARROWS = {
     Qt.Key.Key_Down: (0, -1),
 }
 _BRUSH_KEYS = {Qt.Key.Key_BracketLeft: 1.0 / 1.2, Qt.Key.Key_BracketRight: 1.2}
-_ZOOM_KEYS = {Qt.Key.Key_Plus: 1.25, Qt.Key.Key_Equal: 1.25, Qt.Key.Key_Minus: 1.0 / 1.25}
+_ZOOM_KEYS = {Qt.Key.Key_Plus: ZOOM, Qt.Key.Key_Equal: ZOOM, Qt.Key.Key_Minus: 1.0 / ZOOM}
 _KEYS = {*_ARROWS, *_BRUSH_KEYS, *_ZOOM_KEYS, Qt.Key.Key_Space, Qt.Key.Key_Home}
 _PAINT_TOOLS = ("brush", "eraser", "line", "fill")
 
@@ -97,15 +97,9 @@ class Canvas(QWidget):
     def fit(self) -> None:
         self.set_viewport(self.viewport.fitted(margin=round(_MARGIN * self._context.ratio)), fitted=True)
 
-    def zoom_in(self) -> None:
-        self.zoom(_ZOOM, QPointF(self.rect().center()))
-
-    def zoom_out(self) -> None:
-        self.zoom(1.0 / _ZOOM, QPointF(self.rect().center()))
-
     def actual_size(self) -> None:
         """Show each sketch pixel as one device pixel."""
-        self.zoom(1.0 / self.viewport.scale, QPointF(self.rect().center()))
+        self.zoom(1.0 / self.viewport.scale)
 
     def show_place(self, x: float, y: float) -> None:
         """Centre a position (m)."""
@@ -116,12 +110,12 @@ class Canvas(QWidget):
         context = self._context
         size = max((east - west) / self.width(), (north - south) / self.height()) * 1.1  # m a logical px
         if size > 0.0:
-            self.zoom(1.0 / (size * context.px_per_metre), QPointF(self.rect().center()))
+            self.zoom(1.0 / (size * context.px_per_metre))
         self.show_place(0.5 * (west + east), 0.5 * (south + north))
 
-    def zoom(self, factor: float, about: QPointF) -> None:
-        """Zoom about a position (logical px)."""
-        ratio = self._context.ratio
+    def zoom(self, factor: float, about: QPointF | None = None) -> None:
+        """Zoom about a position (logical px), or the centre."""
+        about, ratio = QPointF(self.rect().center()) if about is None else about, self._context.ratio
         self.set_viewport(self.viewport.zoomed(factor, about.x() * ratio, about.y() * ratio))
 
     def scroll_by(self, right: float, down: float) -> None:
@@ -393,7 +387,7 @@ class CanvasInput(QObject):
         elif key in _BRUSH_KEYS:
             self._context.workspace.brush *= _BRUSH_KEYS[Qt.Key(key)]
         else:
-            self._canvas.zoom(_ZOOM_KEYS[Qt.Key(key)], QPointF(self._canvas.rect().center()))
+            self._canvas.zoom(_ZOOM_KEYS[Qt.Key(key)])
         return True
 
     def _release_key(self, event: QKeyEvent) -> bool:

@@ -51,13 +51,12 @@ def app_icon() -> QIcon:
 
 def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> None:
     """Draw an icon into the largest centred square of `place`."""
-    side = min(place.width(), place.height())
-    square = QRectF(0, 0, side, side)
-    square.moveCenter(place.center())
+    drawing = QSvgRenderer(_svg(name, colour.name()))
+    drawing.setAspectRatioMode(Qt.AspectRatioMode.KeepAspectRatio)
     painter.save()
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     painter.setOpacity(painter.opacity() * colour.alphaF())
-    QSvgRenderer(_svg(name, colour.name())).render(painter, square)
+    drawing.render(painter, place)
     painter.restore()
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from PyQt6.QtCore import QPointF, QRectF, Qt
-from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QTransform
+from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF, QTransform
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
@@ -253,15 +253,10 @@ class Scene:
         if bar is None:
             return
         length, wide = bar
-        ticks = [
-            (QPointF(left, below - 5.0), QPointF(left, below)),
-            (QPointF(left, below), QPointF(left + wide, below)),
-            (QPointF(left + wide, below), QPointF(left + wide, below - 5.0)),
-        ]
+        ends = (left, below - 5.0), (left, below), (left + wide, below), (left + wide, below - 5.0)
         for colour, thick in ((_TEXT_RIM, 3.4), (_TEXT_LIGHT, 1.4)):
             painter.setPen(QPen(colour, thick, cap=Qt.PenCapStyle.SquareCap))
-            for start, end in ticks:
-                painter.drawLine(start, end)
+            painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in ends]))
         _draw_text(painter, length_text(length), left + 1.0, below - 9.0)
 
 

@@ -63,7 +63,8 @@ def _draw_segments(painter: QPainter, lines: Iterable[Segments], colour: QColor,
         path = QPainterPath()
         for line in lines:
             for x, y, to_x, to_y in line.pixels[line.hidden == hidden].tolist():
-                path.moveTo(x, y)
+                if path.currentPosition() != QPointF(x, y):
+                    path.moveTo(x, y)
                 path.lineTo(to_x, to_y)
         for pen_colour, pen_width in ((_RIM, width + 2.2), (colour, width)):
             cap, join = Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin

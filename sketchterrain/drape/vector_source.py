@@ -129,7 +129,9 @@ class VectorSource:
                 found[ids[rows]] = [numbers.get(value, -1) for value in values]
             return found
 
-        of_file = memory.get_or_compute((self.table.levels[0], by, tuple(numbers.items())), stored)
+        of_file: npt.NDArray[np.int16] = memory.get_or_compute(
+            (self.table.levels[0], by, tuple(numbers.items())), stored
+        )
         found = of_file[np.minimum(features, self.table.count)]
         for number in set(features[np.isin(features, self._changed)].tolist()):
             edit = self.table.edits[number]

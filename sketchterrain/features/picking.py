@@ -43,8 +43,8 @@ class Curves:
 
         if len(layer.pieces) > 1:
             pieces = [piece.curves for piece in layer.pieces]
-            shapes, boxes = ([getattr(each, name) for each in pieces] for name in ("shapes", "boxes"))
-            return cls(np.concatenate(shapes), np.concatenate(boxes, axis=1))
+            boxes = np.concatenate([each.boxes for each in pieces], axis=1)
+            return cls(np.concatenate([each.shapes for each in pieces]), boxes)
         shapes = layer.shapes()
         smooth = (np.asarray(layer.columns.get("smooth", layer.kinds * 0.0)) == 1) & (layer.kinds == LINE)
         if smooth.any():

@@ -296,10 +296,15 @@ _Whole = TypeVar("_Whole", bound="InPieces")
 class InPieces:
     """A dataclass of arrays, which may consist of successive `pieces` and are joined when asked for."""
 
-    pieces: tuple[Any, ...]
     _is_edited = False  # whether its arrays are joined from its pieces
 
-    if not TYPE_CHECKING:
+    if TYPE_CHECKING:
+
+        @property
+        def pieces(self) -> tuple[Any, ...]:
+            """Successive parts of it, or itself alone."""
+
+    else:
 
         def __getattr__(self, name: str) -> Any:
             """Join an array of all pieces; without pieces all arrays are there."""
@@ -911,8 +916,8 @@ def _unchecked(layer: str, *values: Any) -> VectorLayer:
     for array in own.values():
         if isinstance(array, np.ndarray):
             array.setflags(write=False)
-    values = dict(zip(_FIELDS, (*arrays, MappingProxyType(own)), strict=True))
-    return _restored(VectorLayer, {"layer": layer, **values})
+    named = zip(("layer", *_FIELDS), (layer, *arrays, MappingProxyType(own)), strict=True)
+    return _restored(VectorLayer, dict(named))
 
 
 def _has_any(column: Column) -> bool:

@@ -167,9 +167,9 @@ class BoxIndex:
         if not len(self) or not len(x):
             return _NONE, _NONE
         bits = max(self._median.bit_length() - _POINT_BITS, 0)
-        cells, square = np.unique(np.stack([x, y], axis=1) >> bits, axis=0, return_inverse=True)
-        square = square.reshape(-1)
-        low = cells << bits
+        row = y >> bits
+        cells, square = np.unique((x >> bits << 32) + (row - row.min()), return_inverse=True)
+        low = np.stack([cells >> 32, (cells & 0xFFFFFFFF) + row.min()], axis=1) << bits
         block, item = self.touching(np.concatenate([low, low + ((1 << bits) - 1)], axis=1))
         starts = np.searchsorted(block, np.arange(len(cells) + 1))
         point, offset = expanded(np.diff(starts)[square])

@@ -31,6 +31,7 @@ Heights = Callable[[Float64Array, Float64Array], Float64Array]
 ROAD_LAYERS: Final = (*WAY_LAYERS, "pad", *STANDING_LAYERS)
 CROWN: Final = 0.025
 """Slope of a straight carriageway from its axis to its edges, of ways that have superelevation."""
+_AT_ONCE = 1 << 14  # positions whose heights are computed at once, in the processor's cache
 _GROUND_STEP = 8.0  # m between samples of the ground along a way
 _FRICTION = 0.12  # of tyres across the carriageway that superelevation leaves
 _LEVEL_ENDS, _WARP = 4.0, 20.0  # m beyond a junction's width with no crossfall; m over which it changes
@@ -60,7 +61,10 @@ def road_network(sketch: Sketch, ground: Heights, water: Heights, run: Runner) -
 def _ground_at(places: Sequence[Float64Array], ground: Heights, water: Heights) -> list[Float64Array]:
     """Return heights and levels of floods, (..., 2), at each array of positions (..., 2), m."""
     x, y = np.concatenate([each.reshape(-1, 2) for each in places]).T.copy()
-    found = np.stack([ground(x, y), water(x, y)], axis=1)
+    found = np.empty((len(x), 2))
+    for first in range(0, len(x), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        found[part, 0], found[part, 1] = ground(x[part], y[part]), water(x[part], y[part])
     parts = np.split(found, np.cumsum([each.size // 2 for each in places])[:-1])
     return [part.reshape(each.shape) for part, each in zip(parts, places, strict=True)]
 

@@ -229,18 +229,21 @@ class Sketch:
         `vectors`: others of that layer than all of the sketch's.
         """
         vectors = self.vectors[layer] if vectors is None else vectors
-        labels, number = np.unique(vectors.labels, return_inverse=True)
-        of_labels = np.array([float(self.properties(layer, int(label))[name]) for label in labels])
-        values, own = of_labels[number], vectors.columns.get(name)
+        of_labels, own = np.zeros(256), vectors.columns.get(name)
+        for label in np.flatnonzero(vectors.label_counts).tolist():
+            of_labels[label] = self.properties(layer, label)[name]
+        values = of_labels[vectors.labels]
         return values if own is None else np.where(np.isnan(own), values, own)
 
     def vector_texts(self, layer: str, name: str, vectors: VectorLayer | None = None) -> list[str]:
         """Return a text of each vector of a layer, by its name, as `vector_values` does."""
         vectors = self.vectors[layer] if vectors is None else vectors
-        labels, number = np.unique(vectors.labels, return_inverse=True)
-        of_labels = [str(self.properties(layer, int(label))[name]) for label in labels]
-        own = vectors.columns.get(name, [""] * len(vectors))
-        return [str(text) or of_labels[each] for text, each in zip(own, number, strict=True)]
+        labels, own = np.flatnonzero(vectors.label_counts).tolist(), vectors.columns.get(name)
+        of_labels = {label: str(self.properties(layer, label)[name]) for label in labels}
+        inherited = [of_labels[label] for label in vectors.labels.tolist()]
+        if own is None:
+            return inherited
+        return [str(text) or other for text, other in zip(own, inherited, strict=True)]
 
     def vector_property(self, layer: str, name: str) -> list[Any]:
         """Return a value of each vector of a layer by its name, as `vector_values` does."""

@@ -854,14 +854,15 @@ def _check_features(layer: VectorLayer) -> None:
         return
     import shapely
 
-    shapes = layer.shapes()
-    broken = ~shapely.is_valid(shapes) & (layer.kinds == AREA)
-    if broken.any():
-        which = int(np.argmax(broken))
-        reason = shapely.is_valid_reason(shapes[which])
-        raise InputError(
-            f"{name} feature {layer.ids[which]}: expected an area that does not touch itself ({reason})"
-        )
+    for piece in layer.pieces:
+        shapes = piece.shapes()
+        broken = ~shapely.is_valid(shapes) & (piece.kinds == AREA)
+        if broken.any():
+            which = int(np.argmax(broken))
+            reason = shapely.is_valid_reason(shapes[which])
+            raise InputError(
+                f"{name} feature {piece.ids[which]}: expected an area that does not touch itself ({reason})"
+            )
 
 
 def _check_columns(layer: VectorLayer) -> None:

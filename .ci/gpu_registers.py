@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from sketchterrain.io import resources
-from sketchterrain.look import texture_maker
+from sketchterrain.look import texture_levels
 from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.materials import material_defines
 
@@ -64,7 +64,7 @@ def find_ptxas() -> str | None:
 
 def compiled(file: str, ptxas: str, target: str) -> list[tuple[str, ...]]:
     """Return name, stack, spills (bytes) and registers of the kernels of a file."""
-    defines = texture_maker.DEFINES if file == texture_maker.SOURCE else material_defines(BUILT_IN)
+    defines = texture_levels.DEFINES if file == texture_levels.SOURCE else material_defines(BUILT_IN)
     text = f"{FUNCTIONS}#line 1\n{resources.source(file, defines)}"
     with TemporaryDirectory() as folder:
         clang = [*CLANG, target, "-o", f"{folder}/a.ptx", "-"]

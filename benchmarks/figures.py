@@ -28,7 +28,7 @@ from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
-from sketchterrain.look.texture_maker import emboss, paint_layer
+from sketchterrain.look.texture_levels import emboss, paint_layer
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture, render_picture

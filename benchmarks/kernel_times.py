@@ -19,7 +19,7 @@ from sketchterrain.benchmarks.splines import KERNELS, SplineQueries, splines_and
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry.lattice import QUADS
-from sketchterrain.look.texture_maker import emboss, paint_layer
+from sketchterrain.look.texture_levels import emboss, paint_layer
 from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.appearance import Appearance
 from sketchterrain.terrain.patches import sample_stride

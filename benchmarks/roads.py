@@ -30,8 +30,7 @@ from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.importing.vectors import with_vectors_of
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.roads.build import ROAD_LAYERS, road_network
-from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork, deck_depth
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork, axis_points, deck_depth
 from sketchterrain.roads.structures import TUNNEL_HEIGHT
 from sketchterrain.roads.waters import Floods
 from sketchterrain.schema.layers import id_of_vector

@@ -1,4 +1,4 @@
-// The textures of materials, each square, tileable, its rows northward (look/texture_maker.py).
+// The textures of materials, each square, tileable, its rows northward (look/texture_levels.py).
 //   TEXTURE_CASES  the function of each layer: case 0: return grass(u, v); …
 #include "material_layers.clh"
 

@@ -8,7 +8,7 @@ in vec3 from_eye; // m
 
 layout(location = 0) out vec4 colour; // albedo times share, share
 
-const float UNKNOWN_GROUND = 0.2; // as in terrain/painted_layers.py
+const float UNKNOWN_GROUND = 0.2; // as in terrain/appearance.py
 
 void main()
 {

@@ -10,18 +10,17 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from sketchterrain.app import arguments as args
 from sketchterrain.app.commands.exports import batch, blender_extension, export, targets
-from sketchterrain.app.commands.new import new
-from sketchterrain.app.commands.realism import realism
-from sketchterrain.app.commands.trace import trace
+from sketchterrain.app.commands.trace import new, trace
 from sketchterrain.app.commands.world import stats, view, world
 from sketchterrain.app.listings import (
     device_lines,
@@ -47,12 +46,15 @@ from sketchterrain.io.console import (
     standard_streams,
 )
 from sketchterrain.io.system import restore_default_sigterm, sigterm_as_interrupt
-from sketchterrain.measure.lines import adherence_lines
+from sketchterrain.measure.lines import adherence_lines, realism_lines
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
+    from sketchterrain.document.sketch import Sketch
     from sketchterrain.generation.terrain import Terrain
-    from sketchterrain.measure.adherence import Adherence
+
+
+T = TypeVar("T")
 
 app = typer.Typer(
     name="sketchterrain",
@@ -228,25 +230,20 @@ def adherence(
     """Measure the adherence of a terrain to its sketch; with -o, draw where they differ."""
     with Stages() as stages:
         document = args.read_sketch(sketch, seed, stages)
-        with stages.stage("program", "Loading the program"):
-            from sketchterrain.document.sketch import sketch_notes
+        if output is not None:
             from sketchterrain.export.files import prepare_folder
-            from sketchterrain.jobs.export import DeviceFallback, build_terrain
-            from sketchterrain.measure.adherence import measure_adherence
 
-            if output is not None:
-                prepare_folder(output.parent)
+            prepare_folder(output.parent)
+        from sketchterrain.measure.adherence import measure_adherence
 
-        def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
-            terrain = build_terrain(document, context, stages, kernels=["points.cl"])
-            with stages.stage("adherence", "Comparing with the sketch"):
-                return terrain, measure_adherence(terrain)
-
-        terrain, found = DeviceFallback(device).run(work, stages=stages)
+        stage = "adherence", "Comparing with the sketch"
+        terrain, found = _measured(document, device, stages, stage, measure_adherence)
         if output is not None:
             from sketchterrain.export.measured_maps import write_adherence_image
 
             write_adherence_image(output, terrain, found)
+    from sketchterrain.document.sketch import sketch_notes
+
     entry = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
     entry |= {**found.as_dict(), "notes": sketch_notes(document)}
     lines = [*adherence_lines(entry), *([] if output is None else [f"picture: {output}"])]
@@ -320,6 +317,86 @@ def presets(as_json: args.AsJson = False) -> None:
 
     entries = [preset_entry(name, load_sketch(name)) for name in preset_names()]
     print_result(entries, preset_lines(entries), as_json=as_json)
+
+
+_RASTERS = (".tif", ".tiff", ".npy")
+
+
+def realism(
+    source: Annotated[
+        str, typer.Argument(metavar="SKETCH|FILE", help="A sketch, or heights: a GeoTIFF or a .npy array.")
+    ],
+    cell: Annotated[
+        float | None,
+        typer.Option(metavar="M", min=0.01, help="Cell size; by default 30 m, or the raster's own."),
+    ] = None,
+    size: Annotated[
+        int, typer.Option(metavar="N", min=96, help="Least cells along a side of a sketch.")
+    ] = 192,
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND", help="Kinds of land to compare with; by default the nearest usual one."),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE.png", help="Draw hollows, rising channels and walls."),
+    ] = None,
+    seed: args.Seed = None,
+    device: args.DeviceName = None,
+    as_json: args.AsJson = False,
+) -> None:
+    """Measure how far landforms are from those of real land; with --map, draw where."""
+    if map_file is not None:
+        if map_file.suffix.lower() != ".png":
+            raise USAGE_ERROR(f"--map: expected the name of a .png file, got {str(map_file)!r}")
+        from sketchterrain.export.files import prepare_folder
+
+        prepare_folder(map_file.parent)
+    from sketchterrain.measure import realism as measuring
+
+    kinds, stage = tuple(kind or ()), ("realism", "Comparing with real land")
+    header: dict[str, Any] = {"file": source}
+    with Stages() as stages:
+        if Path(source).suffix.lower() in _RASTERS:
+            if seed is not None or device is not None:
+                raise USAGE_ERROR("--seed and --device are for sketches, not for rasters")
+            with stages.stage(*stage):
+                from sketchterrain.importing.elevation import read_heights
+
+                height, step = read_heights(Path(source), cell)
+                found = measuring.measure_realism(height, step, kinds=kinds)
+        else:
+            document = args.read_sketch(source, seed, stages)
+            header = {"sketch": document.name, "seed": document.seed}
+            options: dict[str, Any] = {"cell": cell or measuring.DEFAULT_CELL, "size": size, "kinds": kinds}
+            measure = partial(measuring.measure_terrain_realism, **options)
+            _, found = _measured(document, device, stages, stage, measure)
+    if map_file is not None:
+        from sketchterrain.export.measured_maps import write_realism_map
+
+        write_realism_map(map_file, found)
+    entry = header | found.as_dict()
+    lines = [*realism_lines(entry), *([] if map_file is None else [f"map: {map_file}"])]
+    print_result(entry, lines, as_json=as_json)
+
+
+def _measured(
+    sketch: Sketch,
+    device: str | None,
+    stages: Stages,
+    stage: tuple[str, str],
+    measure: Callable[[Terrain], T],
+) -> tuple[Terrain, T]:
+    """Return a sketch's terrain and what is measured of it in a stage (name and title)."""
+    with stages.stage("program", "Loading the program"):
+        from sketchterrain.jobs.export import DeviceFallback, build_terrain
+
+    def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, T]:
+        terrain = build_terrain(sketch, context, stages, kernels=["points.cl"])
+        with stages.stage(*stage):
+            return terrain, measure(terrain)
+
+    return DeviceFallback(device).run(work, stages=stages)
 
 
 for _command in (batch, world, stats, view, export, targets, blender_extension, realism, trace):

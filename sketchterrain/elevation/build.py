@@ -43,7 +43,7 @@ from sketchterrain.elevation.patches import (
     step_of,
 )
 from sketchterrain.elevation.planes import CHUNK, ArrayFile, CoefficientPlanes
-from sketchterrain.elevation.tops import PatchNumbers, box_around, find_tops
+from sketchterrain.elevation.selection import PatchNumbers, box_around, find_tops
 from sketchterrain.errors import InputError
 from sketchterrain.host.library import host_function
 

@@ -16,9 +16,16 @@ import numpy as np
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
 from sketchterrain.document.rasters import RasterSource
-from sketchterrain.elevation.quirks import MAX_FILLED, MAX_HEIGHT, CleanedSamples, Findings, ReadRows
+from sketchterrain.elevation.quirks import (
+    CODES,
+    MAX_FILLED,
+    MAX_HEIGHT,
+    CleanedSamples,
+    Findings,
+    ReadRows,
+    StoredValues,
+)
 from sketchterrain.elevation.raster_reader import PLAIN, Affine6, read_header, read_window
-from sketchterrain.elevation.values import CODES, StoredValues
 from sketchterrain.errors import InputError, format_value, one_line
 
 MIN_SIDE: Final = 4

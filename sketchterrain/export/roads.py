@@ -18,8 +18,17 @@ from sketchterrain.export.files import write_json, write_values_png
 from sketchterrain.export.sampled import SampleGrid, row_bands
 from sketchterrain.export.target import Export
 from sketchterrain.export.vectors import ExportLayer, Origin, id_texts
-from sketchterrain.roads.road_shapes import AxisPoints, axis_points, grades
-from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Road, RoadNetwork
+from sketchterrain.roads.road_types import (
+    BRIDGE,
+    GROUND,
+    STRUCTURES,
+    TUNNEL,
+    AxisPoints,
+    Road,
+    RoadNetwork,
+    axis_points,
+    grades,
+)
 from sketchterrain.schema.layers import LAYERS, STANDING_LAYERS, WAY_LAYERS
 
 TOLERANCE: Final = 0.05

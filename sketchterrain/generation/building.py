@@ -112,7 +112,7 @@ def rebuild(
     """Return the terrain of a changed sketch on the same device, and the areas where it may differ.
 
     Stages whose inputs are unchanged do not run again; the bits are those of `build`. Only tiles that the
-    areas touch have changed, see :func:`~sketchterrain.terrain.changes.changed_areas`. ``checkpoint``
+    areas touch have changed, see :func:`~sketchterrain.terrain.recipe.changed_areas`. ``checkpoint``
     and ``progress`` are as for `make_recipe`.
     """
     recipe = make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint, progress=progress)

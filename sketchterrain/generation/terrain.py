@@ -71,7 +71,7 @@ class Terrain:
         """Return the terrain of a changed recipe on the same device, and the areas where it may differ.
 
         Its bits are those of a newly built terrain; everything unchanged is shared. Both stay usable, in one
-        thread. Areas are those of :func:`~sketchterrain.terrain.changes.changed_areas`.
+        thread. Areas are those of :func:`~sketchterrain.terrain.recipe.changed_areas`.
         """
         evaluator, areas = self._evaluator.updated(recipe)
         new = Terrain(sketch, evaluator.recipe, self.context, memory=self.memory, evaluator=evaluator)

@@ -21,8 +21,7 @@ from sketchterrain.look.built_meshes import (
     standing,
     swept,
 )
-from sketchterrain.roads.road_shapes import AxisPoints, axis_points
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, AxisPoints, Road, RoadNetwork, axis_points
 from sketchterrain.schema.layers import feature_name
 
 if TYPE_CHECKING:

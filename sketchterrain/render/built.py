@@ -19,8 +19,7 @@ from sketchterrain.look.road_meshes import built_objects
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.targets import bands
 from sketchterrain.render.vertex_memory import COMMAND
-from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, Road, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, Road, RoadNetwork, axis_points
 from sketchterrain.schema.layers import LANE_WIDTHS
 from sketchterrain.tiles.lod import inside_frustum
 

@@ -18,7 +18,7 @@ from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.vertex_memory import COMMAND
-from sketchterrain.terrain.painted_layers import style_row
+from sketchterrain.terrain.appearance import style_row
 from sketchterrain.tiles.tile_pool import DrawList
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.geometry.differences import merge_boxes
+from sketchterrain.geometry.box_index import merge_boxes
 from sketchterrain.render.programs import clamped, fullscreen_pass, mipmapped, set_uniforms
 from sketchterrain.render.quality import UNLIMITED, TimeBudget, WorkRate
 from sketchterrain.render.scene import HeightMap, TerrainSource, surface_heights

@@ -16,7 +16,7 @@ from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Shape
 from sketchterrain.look.objects import shore_lines, terrain_objects
 from sketchterrain.render.programs import build_program, fullscreen_pass, set_uniforms
 from sketchterrain.render.scene import TerrainSource, sample_heights, visible_rectangle
-from sketchterrain.roads.road_shapes import axis_points
+from sketchterrain.roads.road_types import axis_points
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.materials import Colour
 from sketchterrain.tiles.tile_pool import DrawList

@@ -10,8 +10,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
-from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork
+from sketchterrain.roads.road_types import GROUND, TUNNEL, RoadNetwork, axis_points
 
 _SPACING: Final = 2.0  # m between the points that stand for axes
 _BARE_SHOULDER = 0.8  # of its width

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.roads.road_shapes import grades
-from sketchterrain.roads.road_types import BRIDGE, TUNNEL, Road, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, TUNNEL, Road, RoadNetwork, grades
 from sketchterrain.schema.layers import WAY_LAYERS, vector_of
 
 if TYPE_CHECKING:

@@ -15,12 +15,11 @@ from sketchterrain.array_types import Bounds, Float64Array, LatticeArray, Struct
 from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.landforms.node_raster import NODE_BITS, node_level
-from sketchterrain.terrain.changes import EVERYWHERE, difference
 from sketchterrain.terrain.culler import list_arrays
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.layers.layer import MASKS, Culled, DetailState, Sampling
 from sketchterrain.terrain.patches import GROUP, Batches, Patches, PatchLauncher, rounded_up, tile_patches
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import EVERYWHERE, TerrainRecipe, difference
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore, require_finite
 from sketchterrain.terrain.vertex_writer import VertexWriter
 

@@ -12,8 +12,14 @@ import numpy.typing as npt
 from sketchterrain.array_types import LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_arguments
-from sketchterrain.terrain.changes import RecipeChange
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, Culler, WholeCuller, upload_reals
+from sketchterrain.terrain.culler import (
+    MAX_CELL_SIZES,
+    Culler,
+    PointCuller,
+    ReliefCuller,
+    WholeCuller,
+    upload_reals,
+)
 from sketchterrain.terrain.layers.base import BaseCuller, BaseLayer
 from sketchterrain.terrain.layers.landuse import LandUseCuller, LandUseLayer
 from sketchterrain.terrain.layers.layer import (
@@ -24,12 +30,10 @@ from sketchterrain.terrain.layers.layer import (
     WorldSettings,
     effective_cell,
 )
-from sketchterrain.terrain.layers.point_culler import PointCuller
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.layers.relief_culler import ReliefCuller
 from sketchterrain.terrain.materials import material_defines, pack_rules
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import RecipeChange, TerrainRecipe
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext

@@ -1,16 +1,18 @@
-"""The recipe: an immutable value of everything that a terrain depends on."""
+"""The recipe: an immutable value of everything that a terrain depends on; where two differ."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import StructuredArray
+from sketchterrain.array_types import Bounds, StructuredArray
 from sketchterrain.document.material_rules import DEFAULT_RULES, MaterialRule
+from sketchterrain.geometry.box_index import merge_boxes
 from sketchterrain.landforms.placement.feature_types import Lake, River
 from sketchterrain.landuse.areas import LandUse
 from sketchterrain.roads.road_types import NO_ROADS, RoadNetwork
@@ -22,7 +24,7 @@ from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.forests import COVER_NOISE
 from sketchterrain.terrain.layers.lakes import LakesLayer
 from sketchterrain.terrain.layers.landuse import LandUseLayer
-from sketchterrain.terrain.layers.layer import Sampling, TerrainLayer, WorldSettings
+from sketchterrain.terrain.layers.layer import LayerChange, Sampling, TerrainLayer, WorldSettings, no_boxes
 from sketchterrain.terrain.layers.plateaus import PlateausLayer
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.sea import SeaLayer
@@ -32,6 +34,7 @@ from sketchterrain.terrain.orthophotos import Orthophoto
 if TYPE_CHECKING:
     from sketchterrain.landforms.hydrology.conflicts import Resolution
     from sketchterrain.landforms.placement.plateaus import Plateau
+
 
 _Layer = TypeVar("_Layer", bound=TerrainLayer)
 
@@ -160,3 +163,61 @@ class TerrainRecipe:
             "octave_offset": octaves.offset,
             "octave_scale": octaves.scale,
         }
+
+
+EVERYWHERE: Bounds = (-math.inf, -math.inf, math.inf, math.inf)
+"""The whole world."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecipeChange:
+    """What differs between two recipes of the same extent."""
+
+    recipe: TerrainRecipe  # the new one, whose unchanged layers are the old one's
+    layers: dict[str, LayerChange]  # changes by layer, without unchanged ones
+    areas: list[Bounds]  # m, outside which heights, normals and materials are bit-equal
+
+
+def difference(old: TerrainRecipe, new: TerrainRecipe) -> RecipeChange | None:
+    """Return what differs between two recipes; None if it may be everything everywhere."""
+    if old is new:
+        return RecipeChange(new, {}, [])
+    if old.key() != new.key():
+        return None
+    changes: dict[str, LayerChange] = {}
+    layers = []
+    for before, now in zip(old.layers, new.layers, strict=True):
+        same = before is now or digest_of(before) == digest_of(now)
+        change = None if same else now.change(before, new.world)
+        if not same and change is None:
+            return None
+        if change:
+            changes[now.name] = change
+        layers.append(now if change else before)
+    areas = np.concatenate([no_boxes(), *(change.boxes for change in changes.values())]) * new.world.unit
+    return RecipeChange(
+        new.with_layers(layers), changes, merge_boxes((w, s, e, n) for w, s, e, n in areas.tolist())
+    )
+
+
+def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Bounds]:
+    """Return rectangles (west, south, east, north, m) outside which two terrains are bit-equal.
+
+    Empty if nothing changed; `EVERYWHERE` if anything global did (a layer's key, the climate, material rules,
+    seed, extent). A tile's normals read one vertex beyond its border: widen the areas by the cell size to
+    select tiles.
+    """
+    change = difference(old, new)
+    return [EVERYWHERE] if change is None else change.areas
+
+
+def touches(areas: Sequence[Bounds], bounds: Bounds, *, margin: float = 0.0) -> bool:
+    """Return whether a rectangle (west, south, east, north, m), widened by a margin, overlaps any area.
+
+    A tile is unchanged unless its bounds, widened by its cell size, do.
+    """
+    west, south, east, north = bounds
+    return any(
+        w <= east + margin and e >= west - margin and s <= north + margin and n >= south - margin
+        for w, s, e, n in areas
+    )

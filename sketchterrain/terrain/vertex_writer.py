@@ -17,7 +17,6 @@ from sketchterrain.caching import LRUCache
 from sketchterrain.compute.buffers import BufferSet, StagingBuffer
 from sketchterrain.geometry.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.landforms.node_raster import node_level
-from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.inputs import KernelInputs
 from sketchterrain.terrain.noise import FINEST_CELL
 from sketchterrain.terrain.patches import (
@@ -28,7 +27,7 @@ from sketchterrain.terrain.patches import (
     tile_patches,
     tile_samples,
 )
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe, touches
 from sketchterrain.terrain.surfaces import FACTS, VertexStore, non_finite
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from sketchterrain.compute.buffers import StagingBuffer
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import BuildError, DeviceMemoryError
 from sketchterrain.io import resources
-from sketchterrain.look import texture_maker
+from sketchterrain.look import texture_levels
 from sketchterrain.schema.materials import BUILT_IN
 from sketchterrain.terrain.materials import material_defines
 from tests.devices import each_device, needs_device
@@ -140,7 +140,7 @@ def test_every_kernel_builds_on_every_device(device, real):
     assert {"terrain.cl", "tiles.cl", "graded_poisson.cl"} <= set(programs)
     for file in programs:
         if file != "ground_bytes.cl" or device.has_double:  # it rounds in 64 bits, else has no kernel
-            defines = texture_maker.DEFINES if file == texture_maker.SOURCE else material_defines(BUILT_IN)
+            defines = texture_levels.DEFINES if file == texture_levels.SOURCE else material_defines(BUILT_IN)
             assert context._build(file, defines).all_kernels(), file
 
 

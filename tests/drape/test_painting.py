@@ -21,10 +21,9 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.schema.colours import linear_from_hex
-from sketchterrain.terrain.appearance import SIDE, Appearance
+from sketchterrain.terrain.appearance import SIDE, TEXEL_PIXELS, WHITE, Appearance
 from sketchterrain.terrain.orthophotos import Orthophoto
 from sketchterrain.terrain.painted_land import PaintedLand
-from sketchterrain.terrain.painted_layers import TEXEL_PIXELS, WHITE
 from tests import terrains
 from tests.devices import DEVICES, needs_device
 

@@ -10,8 +10,8 @@ import shapely
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
-from sketchterrain.elevation.waters import FlatWater, flat_waters, water_findings
 from sketchterrain.features.table import AREA, Feature, VectorLayer
+from sketchterrain.importing.elevation import FlatWater, flat_waters, water_findings
 
 DATA = Path(os.environ.get("SKETCHTERRAIN_DEMS", "no folder of real DEMs"))
 STEP = 30.0

@@ -22,7 +22,7 @@ from sketchterrain.render.sky import Sun, Weather
 from sketchterrain.render.targets import NOISE_PERIOD, wrap_to_noise_period
 from sketchterrain.render.vertex_memory import gl_function
 from sketchterrain.schema.materials import BUILT_IN
-from sketchterrain.terrain.changes import EVERYWHERE
+from sketchterrain.terrain.recipe import EVERYWHERE
 from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.quadtree import code_of, decode, keys_of, parent_of
 from sketchterrain.tiles.refinement import ROOT_LEVEL

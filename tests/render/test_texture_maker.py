@@ -12,14 +12,12 @@ from sketchterrain.io.disk_cache import cached_bytes
 from sketchterrain.io.files import cache_folder
 from sketchterrain.look.texture_levels import (
     customized_levels,
-    procedural_levels,
-    read_material_images,
-)
-from sketchterrain.look.texture_maker import (
     decode_level,
     emboss,
     mipmaps,
     paint_layer,
+    procedural_levels,
+    read_material_images,
 )
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.textures import (

@@ -5,8 +5,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.roads.build import road_network
-from sketchterrain.roads.road_shapes import axis_points, grades
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, axis_points, grades
 from sketchterrain.stages.runner import Runner
 from tests.sample_roads import (
     Named,

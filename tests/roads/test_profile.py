@@ -10,8 +10,7 @@ from sketchterrain.features.table import on_grid
 from sketchterrain.roads.alignment import align
 from sketchterrain.roads.network import way_graph
 from sketchterrain.roads.profile import ProfileInput, ProfileSolver, nearest_heights, station_graph
-from sketchterrain.roads.road_shapes import axis_points, grades
-from sketchterrain.roads.road_types import GROUND, profile_at
+from sketchterrain.roads.road_types import GROUND, axis_points, grades, profile_at
 from sketchterrain.schema.layers import id_of_vector
 from tests.sample_roads import contents, hills, network_on, sketch_with
 

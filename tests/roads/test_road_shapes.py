@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import profile_at
+from sketchterrain.roads.road_types import axis_points, profile_at
 from tests.sample_roads import curved_road, make_road, straight_road
 
 

@@ -10,8 +10,7 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.importing.elevation import sketch_on_elevation
-from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, axis_points
 from sketchterrain.terrain.layers.pads import PadsLayer
 from sketchterrain.terrain.layers.roads import RoadsLayer
 from tests import terrains

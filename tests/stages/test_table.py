@@ -18,7 +18,7 @@ from sketchterrain.stages.digests import digest_of
 from sketchterrain.stages.parts import part_of
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.stages.table import Evaluation, StageTable
-from sketchterrain.terrain.changes import difference
+from sketchterrain.terrain.recipe import difference
 from tests.conftest import ROOT
 from tests.sample_roads import sketch_with
 

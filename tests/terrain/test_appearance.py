@@ -16,8 +16,7 @@ from sketchterrain.terrain.appearance import SIDE, Appearance
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import WorldSettings
 from sketchterrain.terrain.orthophotos import Orthophoto
-from sketchterrain.terrain.painted_land import PaintedLand
-from sketchterrain.terrain.painted_roads import painted_roads
+from sketchterrain.terrain.painted_land import PaintedLand, painted_roads
 from sketchterrain.terrain.recipe import TerrainRecipe
 
 from .. import terrains

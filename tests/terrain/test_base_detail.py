@@ -9,7 +9,7 @@ import pytest
 from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.detail_law import DetailLaw
 from sketchterrain.io.resources import kernel_arguments
-from sketchterrain.terrain.layers.base_detail import BaseDetail, DetailScale
+from sketchterrain.terrain.layers.base import BaseDetail, DetailScale
 from sketchterrain.terrain.layers.layer import HostSite, Sampling, WorldSettings
 from sketchterrain.terrain.noise import FINEST_CELL, ValueSlope, octave_table
 

@@ -11,12 +11,11 @@ from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.landforms.base_ground import BaseGround
-from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.layers import base as base_layer
 from sketchterrain.terrain.layers.base import BaseLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe, difference
 
 from .conftest import Waves, assert_bounds_hold, assert_tiles_meet, base_of, grid_of, small_base
 

@@ -11,12 +11,11 @@ import pytest
 from sketchterrain.document.edits import Edit
 from sketchterrain.generation.building import make_recipe, rebuild
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.geometry.differences import merge_boxes, row_difference
+from sketchterrain.geometry.box_index import merge_boxes, row_difference
 from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES, lock_edit
-from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, touches
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import EVERYWHERE, TerrainRecipe, changed_areas, touches
 from tests import terrains
 
 from .terrain_samples import differences, samples_of
@@ -155,7 +154,7 @@ def test_a_pickled_recipe_gives_the_same_heights(valley, context) -> None:
 
 @pytest.mark.parametrize("block", [1, 3, 8, 4096])
 def test_row_difference_equals_that_of_sets(monkeypatch, block) -> None:
-    monkeypatch.setattr("sketchterrain.geometry.differences._BLOCK", block)
+    monkeypatch.setattr("sketchterrain.geometry.box_index._BLOCK", block)
     rng = np.random.default_rng(block)
     for _ in range(100):
         arrays = []

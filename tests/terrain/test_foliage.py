@@ -8,8 +8,8 @@ from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build, rebuild
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.landforms.placement.feature_types import conifer_code
-from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.evaluator import Evaluator
+from sketchterrain.terrain.recipe import touches
 from sketchterrain.vegetation import foliage
 from sketchterrain.vegetation.foliage import LEVELS, FoliageSampler, Meadow
 from sketchterrain.vegetation.plants import PLANT, SPECIES, STOREYS, SpacingBlocks

@@ -13,12 +13,11 @@ from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.landuse.areas import BUILT_UP, FIELD, FOREST, MEADOW, LandUse
 from sketchterrain.schema.layers import CROPS
 from sketchterrain.schema.materials import MATERIALS
-from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import MASKS, WorldSettings
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe, changed_areas
 from sketchterrain.vegetation.foliage import FoliageSampler
 from sketchterrain.vegetation.plants import SPECIES
 from tests.devices import each_other_device

@@ -22,7 +22,6 @@ from sketchterrain.generation.building import rebuild
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.schema.geology import ROCKS, Strata
 from sketchterrain.schema.materials import MATERIALS
-from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.covers import CoversLayer
@@ -30,7 +29,7 @@ from sketchterrain.terrain.layers.fields import field_distance, pack_fields
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.materials import pack_rules
 from sketchterrain.terrain.noise import fbm
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import EVERYWHERE, TerrainRecipe, changed_areas
 from tests import terrains
 from tests.devices import each_other_device
 

@@ -18,13 +18,12 @@ import pytest
 from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.geometry import differences as row_differences
+from sketchterrain.geometry import box_index as row_differences
 from sketchterrain.landforms.placement.feature_types import FEATURE, FEATURE_TYPES
 from sketchterrain.landforms.placement.fill import Fill
 from sketchterrain.landuse.areas import LandUse
 from sketchterrain.schema.layers import CROPS, DENSITY
 from sketchterrain.terrain.centrelines import PreparedCentreline
-from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.layers import corridors, relief
 from sketchterrain.terrain.layers.corridors import CorridorsLayer
 from sketchterrain.terrain.layers.dunes import DunesLayer
@@ -32,7 +31,7 @@ from sketchterrain.terrain.layers.landuse import LandUseLayer
 from sketchterrain.terrain.layers.layer import TerrainLayer, WorldSettings
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer, UnpaintedNodes
-from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import EVERYWHERE, TerrainRecipe
 
 from .conftest import tiers
 from .sketch_edits import random_sketch

@@ -14,12 +14,12 @@ from sketchterrain.landforms.node_raster import DrainedRaster, NodeReader, Paint
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
 from sketchterrain.landforms.unpainted import Nodes, UnpaintedGround
 from sketchterrain.schema.layers import DENSITY
-from sketchterrain.terrain.changes import difference
 from sketchterrain.terrain.evaluator import Evaluator
 from sketchterrain.terrain.host_heights import HostTerrain
 from sketchterrain.terrain.layers.layer import MASKS
 from sketchterrain.terrain.layers.relief import ReliefLayer
 from sketchterrain.terrain.patches import tile_samples
+from sketchterrain.terrain.recipe import difference
 from tests import terrains
 
 from .conftest import Waves, tiers

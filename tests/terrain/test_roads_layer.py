@@ -9,8 +9,7 @@ import pytest
 
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.landforms.base_ground import BaseGround
-from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, axis_points
 from sketchterrain.schema.materials import MATERIALS
 from sketchterrain.stages.runner import Results
 from sketchterrain.terrain.evaluator import Evaluator

@@ -9,8 +9,7 @@ import sketchterrain as st
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.errors import InputError
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.geometry.box_index import BoxIndex
-from sketchterrain.geometry.differences import row_difference
+from sketchterrain.geometry.box_index import BoxIndex, row_difference
 from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.io.resources import preset_names
 from sketchterrain.terrain.inputs import KernelInputs

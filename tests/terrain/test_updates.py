@@ -14,7 +14,7 @@ import pytest
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.generation.building import build, rebuild
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.terrain.changes import EVERYWHERE
+from sketchterrain.terrain.recipe import EVERYWHERE
 
 from .conftest import tiers
 from .sketch_edits import CHANGES, COMPILED, COSMETIC, SETTINGS, State, random_sketch

@@ -22,8 +22,8 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.compute.device import choose_device
 from sketchterrain.errors import DeviceError, DeviceFailedError, InputError, SketchterrainError
 from sketchterrain.export.sampled import quantise_normals, quantise_weights
+from sketchterrain.world import cluster as in_worker
 from sketchterrain.world import run as running
-from sketchterrain.world import worker as in_worker
 from sketchterrain.world.cluster import check_scheduler
 from sketchterrain.world.grid import SHARD, Shard
 from sketchterrain.world.job import Task, iter_tasks

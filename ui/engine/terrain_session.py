@@ -196,7 +196,7 @@ class TerrainSession:
 
     def _update_terrain(self, sketch: Sketch | None = None) -> None:
         from sketchterrain.generation.terrain import Terrain
-        from sketchterrain.terrain.changes import EVERYWHERE
+        from sketchterrain.terrain.recipe import EVERYWHERE
 
         sketch, recipe = sketch or self.sketch, self._shown
         if self._context is None or sketch is None or recipe is None:

@@ -10,8 +10,7 @@ import numpy as np
 from sketchterrain.array_types import Float64Array
 from sketchterrain.export.map.drawing import Points, Polygons, Polylines, Shape, rectangle, styled
 from sketchterrain.export.map.relief import MapFrame
-from sketchterrain.roads.road_shapes import axis_points
-from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Road, RoadNetwork
+from sketchterrain.roads.road_types import BRIDGE, GROUND, STRUCTURES, TUNNEL, Road, RoadNetwork, axis_points
 from sketchterrain.schema.layers import INK, LAYERS, WAY_LAYERS
 from sketchterrain.schema.parameters import Properties
 from sketchterrain.schema.styles import PIXEL, StyleClass, rgb_from_hex

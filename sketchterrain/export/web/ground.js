@@ -4,7 +4,7 @@
 const TILE = 32; // quads along a tile's side
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
-// The next finer level of a grid's numbers from its residuals, see height_levels in export/web_data.py.
+// The next finer level of a grid's numbers from its residuals, see height_levels in export/targets/web.py.
 function finerLevel({ columns, rows, numbers }, rest) {
   const [wide, high] = [2 * columns - 1, 2 * rows - 1];
   const fine = new Uint16Array(wide * high);

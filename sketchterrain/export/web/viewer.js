@@ -1,7 +1,7 @@
 "use strict";
 // The page: loads data scripts, and draws with WebGL 2 when something has changed.
 
-const FORMAT = 1; // of the data scripts, as in export/web_data.py
+const FORMAT = 1; // of the data scripts, as in export/targets/web.py
 const SAMPLERS = ["sky_view", "noise", "heights", "surface", "cover", "shadows", "weights", "colours", "slopes", "painted", "pictures", "normals"];
 const PIXELS = 1.5; // error of the ground's tiles
 const arrived = new Map();

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, StructuredArray
 from sketchterrain.errors import InputError
-from sketchterrain.geometry.differences import merge_boxes, repainted_boxes, rows_only_in, widened
+from sketchterrain.geometry.box_index import merge_boxes, repainted_boxes, rows_only_in, widened
 from sketchterrain.geometry.hashing import hash_keys, hash_unit
 from sketchterrain.landforms.placement.feature_types import (
     CLEARANCE,

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.geometry.box_index import ITEM
-from sketchterrain.geometry.differences import row_difference
+from sketchterrain.geometry.box_index import ITEM, row_difference
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import kernel_struct
 from sketchterrain.landforms.placement.feature_types import smoothstep

@@ -13,8 +13,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
-from sketchterrain.geometry.box_index import BoxIndex
-from sketchterrain.geometry.differences import row_difference, rows_only_in
+from sketchterrain.geometry.box_index import BoxIndex, row_difference, rows_only_in
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.landforms.placement.feature_types import (

@@ -17,8 +17,7 @@ from PIL import Image
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.export.targets.web import _PAGE
-from sketchterrain.export.web_data import four_bit_weights, height_levels
+from sketchterrain.export.targets.web import _PAGE, four_bit_weights, height_levels
 from tests.export.exporting import export
 
 from .chromium import Chromium

@@ -25,12 +25,15 @@ from sketchterrain.landforms.node_raster import (
     square_extremes,
 )
 from sketchterrain.terrain.layers.layer import (
+    MAX_CELL_SIZES,
     Culled,
     LayerChange,
     Packed,
     Sampling,
     TerrainLayer,
     WorldSettings,
+    upload_real,
+    upload_reals,
 )
 from sketchterrain.terrain.layers.points import (
     PackedFeatures,
@@ -44,10 +47,6 @@ from sketchterrain.terrain.noise import FINEST_CELL
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
-
-
-MAX_CELL_SIZES = 64
-"""Cell sizes that packed layers are cached for."""
 
 
 class Culler(Protocol):
@@ -102,16 +101,7 @@ class WholeCuller:
 
     def _held(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], Any]:
         """Return an array, whose id is its own while it is held, and its buffer."""
-        return array, _upload_real(self._context, array)
-
-
-def upload_reals(context: ComputeContext, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Return buffers of arrays by name, float64 ones converted to the kernels' REAL."""
-    return {name: _upload_real(context, array) for name, array in arrays.items()}
-
-
-def _upload_real(context: ComputeContext, array: npt.NDArray[Any]) -> Any:
-    return context.upload(array.astype(context.real_dtype) if array.dtype == np.float64 else array)
+        return array, upload_real(self._context, array)
 
 
 def list_arrays(culled: Mapping[str, Culled]) -> dict[str, npt.NDArray[Any]]:

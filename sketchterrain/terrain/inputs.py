@@ -12,23 +12,18 @@ import numpy.typing as npt
 from sketchterrain.array_types import LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
 from sketchterrain.io.resources import kernel_arguments
-from sketchterrain.terrain.culler import (
-    MAX_CELL_SIZES,
-    Culler,
-    PointCuller,
-    ReliefCuller,
-    WholeCuller,
-    upload_reals,
-)
+from sketchterrain.terrain.culler import Culler, PointCuller, ReliefCuller, WholeCuller
 from sketchterrain.terrain.layers.base import BaseCuller, BaseLayer
 from sketchterrain.terrain.layers.landuse import LandUseCuller, LandUseLayer
 from sketchterrain.terrain.layers.layer import (
     MASKS,
+    MAX_CELL_SIZES,
     Culled,
     Sampling,
     TerrainLayer,
     WorldSettings,
     effective_cell,
+    upload_reals,
 )
 from sketchterrain.terrain.layers.points import PointsLayer
 from sketchterrain.terrain.layers.relief import ReliefLayer

@@ -19,9 +19,9 @@ from sketchterrain.elevation.surface import Heights, PatchSlots
 from sketchterrain.geometry.box_index import BoxIndex, item_lists
 from sketchterrain.io.resources import kernel_columns, kernel_constants
 from sketchterrain.landforms.node_raster import node_level
-from sketchterrain.terrain.culler import MAX_CELL_SIZES, upload_reals
 from sketchterrain.terrain.layers.erosion import gully_octave, gully_steepness
 from sketchterrain.terrain.layers.layer import (
+    MAX_CELL_SIZES,
     Culled,
     DetailState,
     HostSamples,
@@ -32,6 +32,7 @@ from sketchterrain.terrain.layers.layer import (
     TerrainLayer,
     WorldSettings,
     smooth_rise,
+    upload_reals,
 )
 from sketchterrain.terrain.noise import (
     FINEST_CELL,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,8 +26,14 @@ from sketchterrain.terrain.noise import (
     omitted_amplitudes,
 )
 
+if TYPE_CHECKING:
+    from sketchterrain.compute.context import ComputeContext
+
 ITEMS: Final = {"items": True}
 """Metadata of dataclass fields that hold items, which a layer's key leaves out."""
+
+MAX_CELL_SIZES = 64
+"""Cell sizes that packed layers are cached for."""
 
 MASKS: Final = ("mountain", "dune", "forest", "water", "wetness")
 """The masks of a point: see ``TerrainSample`` in ``kernels/world.clh``."""
@@ -267,3 +273,13 @@ def soft_positive(x: Float64Array, softness: float) -> Float64Array:
 def scaled_slope(slope: ValueSlope, by: float) -> ValueSlope:
     """Return a value and its slope times a number."""
     return ValueSlope(*(part * by for part in slope))
+
+
+def upload_reals(context: ComputeContext, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+    """Return buffers of arrays by name, as of `upload_real`."""
+    return {name: upload_real(context, array) for name, array in arrays.items()}
+
+
+def upload_real(context: ComputeContext, array: npt.NDArray[Any]) -> Any:
+    """Return a buffer of an array, float64 converted to the kernels' REAL."""
+    return context.upload(array.astype(context.real_dtype) if array.dtype == np.float64 else array)

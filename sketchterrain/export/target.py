@@ -159,6 +159,10 @@ class ExportOptions:
     grass: bool = False  # write grass, flowers and ferns as well
 
 
+NAMED_TILES: Final = frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south"})
+"""Options of targets with tiles whose overlap is theirs."""
+
+
 class SceneView(NamedTuple):
     """The preview's camera, and the light of sun and sky in one unit; x east, y north, z up, m."""
 

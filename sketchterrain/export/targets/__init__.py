@@ -5,31 +5,23 @@ from importlib import import_module
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.target import Target
 
-# Module of each target, which is loaded on first use.
+# Targets of each module, which is loaded on first use.
 _MODULES = {
-    "unity": "unity",
-    "unreal": "unreal",
-    "godot": "godot",
-    "blender": "gltf",
-    "gltf": "gltf",
-    "web": "web",
-    "geotiff": "geotiff",
-    "qgis": "qgis",
-    "raw": "plain",
-    "png16": "plain",
-    "exr": "plain",
-    "npy": "plain",
-    "obj": "meshes",
-    "stl": "meshes",
+    **{name: (name,) for name in ("unity", "unreal", "godot")},
+    "gltf": ("blender", "gltf"),
+    **{name: (name,) for name in ("web", "geotiff", "qgis")},
+    "plain": ("raw", "png16", "exr", "npy"),
+    "meshes": ("obj", "stl"),
 }
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
-TARGET_NAMES = tuple(_MODULES)
+TARGET_NAMES = tuple(_MODULE_OF)
 
 
 def target_named(name: str) -> Target:
     """Return a target, or raise `InputError`."""
-    if name not in _MODULES:
+    if name not in _MODULE_OF:
         raise InputError(f"expected one of {', '.join(TARGET_NAMES)} as target, got {one_line(name)!r}")
-    module = import_module(f"{__name__}.{_MODULES[name]}")
+    module = import_module(f"{__name__}.{_MODULE_OF[name]}")
     target: Target = next(target for target in module.TARGETS if target.name == name)
     return target

@@ -1,6 +1,7 @@
 """GLB files: a whole scene for any program, and one for Blender beside an OpenEXR displacement."""
 
 import zipfile
+from dataclasses import replace
 from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any, Final
@@ -244,28 +245,26 @@ def _settings(grid: SampleGrid, heights: str, scene: str) -> dict[str, Any]:
     }
 
 
+GLTF: Final = Target(
+    name="gltf",
+    title="glTF",
+    summary="a GLB: mesh with baked materials, water, plants as instances; also plants as points",
+    write=_write_gltf,
+    options=frozenset({"error"}),
+    check=check_glb,
+    disk=80.0,
+    memory=150.0,
+    bytes_per_plant=BYTES_PER_PLANT,
+)
 TARGETS: Final = (
-    Target(
-        name="gltf",
-        title="glTF",
-        summary="a GLB: mesh with baked materials, water, plants as instances; also plants as points",
-        write=_write_gltf,
-        options=frozenset({"error"}),
-        check=check_glb,
-        disk=80.0,
-        memory=150.0,
-        bytes_per_plant=BYTES_PER_PLANT,
-    ),
-    Target(
+    GLTF,
+    replace(
+        GLTF,
         name="blender",
         title="Blender",
         summary="a GLB with ground, water and plants, material tiles, and heights as an OpenEXR displacement",
         write=_write_blender,
-        options=frozenset({"error"}),
-        check=check_glb,
         disk=92.0,
-        memory=150.0,
-        bytes_per_plant=BYTES_PER_PLANT,
         scene=True,
     ),
 )

@@ -11,7 +11,15 @@ from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_exr, write_raw
 from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import SampleGrid, TerrainSamples, control_map, rgba_weights
-from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
+from sketchterrain.export.target import (
+    NAMED_TILES,
+    Export,
+    ExportOptions,
+    ExportOutput,
+    Target,
+    TileWindow,
+    Tiling,
+)
 
 _REGION: Final = 256  # default vertices along a region's side
 _MAX_REGIONS: Final = 32  # along a side
@@ -127,11 +135,9 @@ TARGETS: Final = (
         multiple=_MULTIPLE,
         max_vertices=_MAX_VERTICES,
         formats=("exr", "r16"),
-        options=frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}),
+        options=NAMED_TILES | {"format", "heights"},
         tiling=Tiling(overlap=0),
         check=_check,
         disk=24.0,
-        memory=16.0,
-        bytes_per_plant=100.0,
     ),
 )

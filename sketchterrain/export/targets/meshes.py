@@ -8,6 +8,7 @@ of 80 bytes, the number of triangles, then 50 bytes each, corners counter-clockw
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple
 
@@ -242,27 +243,25 @@ def _write_common(export: Export, axes: EngineAxes) -> dict[Path, str]:
     return images | write_plants_json(export, axes) | write_corridors(export, axes)
 
 
+_OBJ: Final = Target(
+    name="obj",
+    title="Wavefront OBJ",
+    summary="ground and water as a mesh with materials and colours, y up",
+    write=_write_obj,
+    size=513,
+    options=frozenset({"error"}),
+    check=check_mesh_error,
+    disk=300.0,
+    memory=150.0,
+)
 TARGETS: Final = (
-    Target(
-        name="obj",
-        title="Wavefront OBJ",
-        summary="ground and water as a mesh with materials and colours, y up",
-        write=_write_obj,
-        size=513,
-        options=frozenset({"error"}),
-        check=check_mesh_error,
-        disk=300.0,
-        memory=150.0,
-    ),
-    Target(
+    _OBJ,
+    replace(
+        _OBJ,
         name="stl",
         title="STL",
         summary="the ground as a printable solid with walls and a floor, z up",
         write=_write_stl,
-        size=513,
-        options=frozenset({"error"}),
-        check=check_mesh_error,
         disk=120.0,
-        memory=150.0,
     ),
 )

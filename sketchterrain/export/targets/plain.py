@@ -20,11 +20,19 @@ from sketchterrain.export.rasters import (
 )
 from sketchterrain.export.roads import write_road_masks
 from sketchterrain.export.sampled import CHANNELS, TerrainSamples
-from sketchterrain.export.target import Export, ExportOptions, ExportOutput, Target, TileWindow, Tiling
+from sketchterrain.export.target import (
+    NAMED_TILES,
+    Export,
+    ExportOptions,
+    ExportOutput,
+    Target,
+    TileWindow,
+    Tiling,
+)
 from sketchterrain.export.vectors import land_entries, write_features
 from sketchterrain.vegetation.plants import PLANT
 
-_TILE_OPTIONS = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
+_TILE_OPTIONS = NAMED_TILES | {"overlap"}
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"
 _DTYPES = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
 _METRES = {"numbers": "float32", "metres": "number"}

@@ -26,7 +26,7 @@ from sketchterrain.export.sampled import (
     rgba_weights,
     splat_weights,
 )
-from sketchterrain.export.target import Export, ExportOutput, Target, TileWindow, Tiling
+from sketchterrain.export.target import NAMED_TILES, Export, ExportOutput, Target, TileWindow, Tiling
 
 _TREE_ROW: Final = (
     '{"prototypeIndex":%d,"position":{"x":%.8f,"y":%.8f,"z":%.8f},"widthScale":%.3f,"heightScale":%.3f,'
@@ -154,11 +154,9 @@ TARGETS: Final = (
         summary="RAW heights of 2ⁿ + 1, splat maps, tree instances, water",
         write=_write_unity,
         sizes=(33, 65, 129, 257, 513, 1025, 2049, 4097),
-        size=1025,
         square=True,
-        options=frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south", "heights"}),
+        options=NAMED_TILES | {"heights"},
         tiling=Tiling(pattern="{name}_{x}_{y}", from_south=True),
-        disk=16.0,
         memory=24.0,
         bytes_per_plant=180.0,
     ),

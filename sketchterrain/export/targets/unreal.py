@@ -10,7 +10,7 @@ from sketchterrain.export.planning import HeightQuantisation
 from sketchterrain.export.rasters import write_raw
 from sketchterrain.export.roads import write_corridors
 from sketchterrain.export.sampled import TerrainSamples, flip_green
-from sketchterrain.export.target import Export, ExportOutput, Target, TileWindow, Tiling
+from sketchterrain.export.target import NAMED_TILES, Export, ExportOutput, Target, TileWindow, Tiling
 
 _CENTIMETRES: Final = 100.0
 _DECIMALS: Final = 6  # of centimetres
@@ -105,12 +105,8 @@ TARGETS: Final = (
         size=1009,
         square=True,
         formats=("png", "r16"),
-        options=frozenset(
-            {"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}
-        ),
+        options=NAMED_TILES | {"overlap", "format", "heights"},
         tiling=Tiling(pattern="{name}_x{x}_y{y}"),
-        disk=16.0,
         memory=18.0,
-        bytes_per_plant=100.0,
     ),
 )

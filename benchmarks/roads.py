@@ -29,10 +29,9 @@ from sketchterrain.geometry.lattice import QUADS
 from sketchterrain.importing.elevation import sketch_on_elevation
 from sketchterrain.importing.vectors import with_vectors_of
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.roads.build import ROAD_LAYERS, road_network
+from sketchterrain.roads.build import ROAD_LAYERS, Floods, road_network
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork, axis_points, deck_depth
 from sketchterrain.roads.structures import TUNNEL_HEIGHT
-from sketchterrain.roads.waters import Floods
 from sketchterrain.schema.layers import id_of_vector
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.terrain.host_heights import Ground, host_heights

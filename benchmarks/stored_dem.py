@@ -17,11 +17,11 @@ import scipy.sparse.csgraph
 from scipy import ndimage
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.elevation.base import PatchStore
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.selection import Patchwork
-from sketchterrain.elevation.store import PatchStore
 
 _IMPORTED = rasterio, ndimage, scipy.sparse.csgraph  # before memory is measured
 _FRAME = SketchFrame("EPSG:32611")

@@ -51,9 +51,8 @@ from sketchterrain.landforms.placement.sea import Sea, create_sea
 from sketchterrain.landforms.relief_fields import UnpaintedSettings
 from sketchterrain.landforms.uplift import Outline, painted_outline, uplift_features
 from sketchterrain.landuse.areas import LandUse, land_use
-from sketchterrain.roads.build import ROAD_LAYERS, road_network
+from sketchterrain.roads.build import ROAD_LAYERS, Floods, road_network
 from sketchterrain.roads.road_types import RoadNetwork
-from sketchterrain.roads.waters import Floods
 from sketchterrain.schema.geology import Strata
 from sketchterrain.schema.layers import (
     PAINTED_LAYERS,

@@ -47,7 +47,7 @@ from sketchterrain.measure.adherence import measure_adherence
 from sketchterrain.measure.realism import realism_entry
 from sketchterrain.render.sky import Weather
 from sketchterrain.render.views import check_view
-from sketchterrain.roads.road_report import road_facts
+from sketchterrain.roads.network import road_facts
 from sketchterrain.stages.runner import Results, Runner
 from sketchterrain.terrain.surfaces import Raster
 

@@ -1,4 +1,4 @@
-"""The network of roads, railways and paths: their features, junctions, and the legs between junctions."""
+"""The network of roads, railways and paths: features, junctions, legs between them, facts for reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import shapely
@@ -15,11 +15,12 @@ from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.features.table import STEP, VectorLayer, on_grid
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.landforms.hydrology.vector_rivers import line_path
-from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Works
+from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork, Works, grades
 from sketchterrain.schema.layers import WAY_LAYERS, id_of_vector, storey, vector_of
 
 if TYPE_CHECKING:
     from sketchterrain.document.sketch import Sketch
+
 
 AUTOMATIC: Final = -1
 """The structure of a feature that follows from the ground."""
@@ -236,3 +237,43 @@ def _legs(ways: Sequence[Way], paths: Sequence[Float64Array]) -> list[Leg]:
         ordinals[own] += 1
         legs.append(Leg(key, points[index], owner, ends, degrees))
     return legs
+
+
+def road_facts(network: RoadNetwork, sketch: Sketch) -> dict[str, Any]:
+    """Return a report's entries of a network: lengths in m, grades as rise over run."""
+    own = {name: [road for road in network.roads if road.layer == name] for name in WAY_LAYERS}
+    own = {name: roads for name, roads in own.items() if roads}
+    return {
+        "lengths": {name: round(sum(_length(road) for road in roads), 1) for name, roads in own.items()},
+        "bridges": _connected(network, BRIDGE),
+        "tunnels": _connected(network, TUNNEL),
+        **{name: len(built) for name, built in network.lists.items() if name != "roads"},
+        "steepest": {name: _steepest(roads, sketch) for name, roads in own.items()},
+        "findings": list(network.findings),
+    }
+
+
+def _length(road: Road) -> float:
+    return float(road.along[-1] - road.along[0])
+
+
+def _connected(network: RoadNetwork, structure: int) -> int:
+    """Return how many connected groups of parts have a structure: they form no loops."""
+    axes = [road.axis for road in network.roads if road.structure == structure]
+    return len({axis[end].tobytes() for axis in axes for end in (0, -1)}) - len(axes)
+
+
+def _steepest(roads: list[Road], sketch: Sketch) -> dict[str, Any]:
+    """Return the grade that is the largest share of its limit, and where it is."""
+    layer = roads[0].layer
+    limits = dict(zip(sketch.vectors[layer].ids.tolist(), sketch.vector_values(layer, "grade"), strict=True))
+    slopes = [np.abs(grades(road)) for road in roads]
+    shares = [slope.max() / limits[vector_of(road.id)] for road, slope in zip(roads, slopes, strict=True)]
+    worst = int(np.argmax(shares))
+    road, at = roads[worst], int(slopes[worst].argmax()) % len(roads[worst].axis)
+    return {
+        "grade": round(float(slopes[worst].max()), 4),
+        "limit": round(float(limits[vector_of(road.id)]), 4),
+        "vector": vector_of(road.id),
+        "position": np.round(road.axis[at, :2], 1).tolist(),
+    }

@@ -17,7 +17,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.features.items import ENDS, STARTS, STROKE, Items
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped import FADE, DrapedScreen, check_method
-from sketchterrain.render.draped_cutting import ConvexPieces, cut, mesh_of
+from sketchterrain.render.draped_geometry import ConvexPieces, cut, mesh_of
 from sketchterrain.render.offscreen import read_picture, render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from sketchterrain.caching import LRUCache
+from sketchterrain.elevation.base import PatchStore
 from sketchterrain.elevation.build import build_patches
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
 from sketchterrain.elevation.patches import GridPatches
 from sketchterrain.elevation.planes import DamagedStoreError
 from sketchterrain.elevation.quirks import CleanedSamples
 from sketchterrain.elevation.selection import Patchwork
-from sketchterrain.elevation.store import PatchStore
 from sketchterrain.errors import SketchterrainError
 
 from .conftest import FRAME, write
@@ -192,7 +192,7 @@ from pathlib import Path
 import numpy as np, rasterio, scipy.ndimage, scipy.sparse.csgraph
 from sketchterrain.elevation.grids import SketchFrame, read_grid
 from sketchterrain.elevation.selection import Patchwork
-from sketchterrain.elevation.store import PatchStore
+from sketchterrain.elevation.base import PatchStore
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 grid = read_grid(Path(sys.argv[1]), SketchFrame("EPSG:32632"))
 part = PatchStore(Path(sys.argv[2])).patches(grid)

@@ -6,7 +6,7 @@ import shapely
 
 import sketchterrain as st
 from sketchterrain.features.table import VectorLayer
-from sketchterrain.roads.road_report import road_facts
+from sketchterrain.roads.network import road_facts
 from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
 from tests.sample_roads import make_network, make_road
 

@@ -22,6 +22,7 @@ from sketchterrain.array_types import StructuredArray
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.features import table as vectors
+from sketchterrain.geometry.splines import arc_lengths
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
 from sketchterrain.landforms.placement.feature_types import (
@@ -268,16 +269,15 @@ def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> ExportLa
 
 def river_layer(rivers: Sequence[River], origin: Origin) -> ExportLayer:
     """Return the rivers' centrelines from the spring on, at the height of the water."""
-    ends = {"spring": 0, "mouth": -1}
+    ends, along = {"spring": 0, "mouth": -1}, [arc_lengths(river.centreline) for river in rivers]
     fields: dict[str, npt.NDArray[Any]] = {
         "id": id_texts(river.id for river in rivers),
         "label": np.array([river.label for river in rivers], np.int32),
-        "length": np.array([_along(river)[-1] for river in rivers], np.float64),
+        "length": np.array([each[-1] for each in along], np.float64),
     }
     for name in ("width", "depth"):
         values = [getattr(river, f"centreline_{name}") for river in rivers]
-        means = [_mean(value, _along(river)) for value, river in zip(values, rivers, strict=True)]
-        fields[name] = np.array(means, np.float64)
+        fields[name] = np.array([*map(_mean, values, along)], np.float64)
         fields |= {
             f"{name}_{end}": np.array([value[at] for value in values], np.float32) for end, at in ends.items()
         }
@@ -299,7 +299,7 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> ExportLayer:
         shapely.points(places),
         {
             "river": id_texts(chain.from_iterable([r.id] * n for r, n in zip(rivers, counts, strict=True))),
-            "distance": np.concatenate([np.zeros(0), *(_along(river) for river in rivers)]),
+            "distance": np.concatenate([np.zeros(0), *(arc_lengths(river.centreline) for river in rivers)]),
             "width": widths,
             "depth": depths,
         },
@@ -341,12 +341,6 @@ def plant_layer(
             "level": plants["level"].astype(np.int16),
         },
     )
-
-
-def _along(river: River) -> npt.NDArray[np.float64]:
-    """Return the horizontal distance (m) from the spring to each point of a centreline."""
-    steps = np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _mean(values: npt.NDArray[np.float32], along: npt.NDArray[np.float64]) -> float:

@@ -13,6 +13,16 @@ def drop_repeats(points: Float64Array, *, of: int | None = None) -> Float64Array
     return points[distinct]
 
 
+def arc_lengths(path: Float64Array) -> Float64Array:
+    """Return the length along a path, in x and y, from its first point to each."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
+
+
+def at_lengths(path: Float64Array, arc: Float64Array, lengths: Float64Array) -> Float64Array:
+    """Return the points of a path at lengths, of which `arc` are those of its own points."""
+    return np.stack([np.interp(lengths, arc, column) for column in path.T], axis=-1)
+
+
 def catmull_rom(points: Float64Array, u: Float64Array) -> Float64Array:
     """Evaluate the curve through control points (n, d) at positions `u` (m,) in 0 … n - 1; (m, d).
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, FloatArray
+from sketchterrain.geometry.splines import arc_lengths
 from sketchterrain.roads.road_types import LineObject, Pad
 from sketchterrain.schema.layers import feature_name
 
@@ -343,7 +344,7 @@ def _wall_parts(given: LineObject, line: Float64Array, ground: Float64Array) -> 
         np.column_stack([line + (a * half * more)[:, None] * left, ground + up * height * more])
         for (a, up), more in zip(section, jitter, strict=True)
     ]
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    along = arc_lengths(line)
     last = len(section) - 1
     ends = []
     for k in range(len(section) // 2 - 1):

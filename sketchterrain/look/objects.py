@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from sketchterrain.geometry.splines import arc_lengths
 from sketchterrain.schema.layers import layer_of
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def flow_speed_and_slope(centreline: Float64Array, width: Float32Array) -> tuple
     Manning's formula R^(2/3) √slope / n with the hydraulic radius R from the width, clipped to `SPEEDS`; the
     slope is taken over `FALL_WIDTHS` widths.
     """
-    distance = _arc_length(centreline)
+    distance = arc_lengths(centreline)
     wide = width.astype(np.float64)
     half = 0.5 * FALL_WIDTHS * wide
     before, after = np.maximum(distance - half, 0.0), np.minimum(distance + half, distance[-1])
@@ -133,7 +134,7 @@ def river_surface(centreline: Float64Array, width: Float32Array) -> WaterSurface
     position[..., 2] = centreline[:, 2:3]
     flow = np.empty((len(flat), ACROSS, 4))
     flow[..., 0] = across
-    flow[..., 1] = _arc_length(centreline)[:, None]
+    flow[..., 1] = arc_lengths(centreline)[:, None]
     flow[..., 2:] = downstream[:, None, :]
     half = 0.5 * width.astype(np.float64)
     stream = np.empty((len(flat), ACROSS, 4))
@@ -218,10 +219,6 @@ def quads(index: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
     """Return indices of two triangles a quad, (rows − 1, columns − 1, 6); rows go north and columns east."""
     sw, se, nw, ne = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     return np.stack([sw, se, ne, sw, ne, nw], axis=-1)
-
-
-def _arc_length(centreline: Float64Array) -> Float64Array:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centreline[:, :2], axis=0).T))])
 
 
 def _outside_lakes(position: Float64Array, lakes: Sequence[Lake]) -> Float64Array:

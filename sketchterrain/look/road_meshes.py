@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.geometry.splines import arc_lengths, at_lengths
 from sketchterrain.look.built_meshes import (
     MOUTH,
     BuiltObject,
@@ -151,9 +152,9 @@ def _blocked(bridge: Road, obstacles: tuple[Road | River, ...]) -> Float64Array:
 
 def _resampled(line: Float64Array, step: float) -> Float64Array:
     """Return points of a line (n, k) about `step` m apart, both ends included."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+    along = arc_lengths(line)
     at = np.linspace(0.0, along[-1], max(round(along[-1] / step), 1) + 1)
-    return np.column_stack([np.interp(at, along, axis) for axis in line.T])
+    return at_lengths(line, along, at)
 
 
 @lru_cache(maxsize=1 << 12)

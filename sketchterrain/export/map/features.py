@@ -21,6 +21,7 @@ from sketchterrain.export.map.drawing import (
 )
 from sketchterrain.export.map.relief import Grid, MapSamples, nearest_round
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.splines import arc_lengths, at_lengths
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.styles import PIXEL, rgb_from_hex
 
@@ -145,13 +146,13 @@ def _label_candidates(contour: Contour, samples: MapSamples, interval: float) ->
     arc = arc_lengths(path)
     half = 0.5 * MapText(text, 0.0, 0.0, LABEL_SIZE, LABEL_COLOUR).width + 0.4
     middles = np.arange(half, arc[-1] - half, LABEL_STEP)
-    at = along(path, arc, middles[:, None] + np.linspace(-1.0, 1.0, 9) * half)
+    at = at_lengths(path, arc, middles[:, None] + np.linspace(-1.0, 1.0, 9) * half)
     chord = at[:, -1] - at[:, 0]
     length = np.hypot(chord[:, 0], chord[:, 1])
     chord /= np.maximum(length, 1e-9)[:, None]
     off = at - at[:, :1]
     bend = np.abs(off[..., 0] * chord[:, None, 1] - off[..., 1] * chord[:, None, 0]).max(axis=1)
-    points = along(contour.points, arc, middles)
+    points = at_lengths(contour.points, arc, middles)
     east, north, steep = (samples.interpolate(field, points) for field in samples.slope)
     spacing = interval / np.maximum(steep, 1e-6) * samples.frame.mm_per_metre
     # The top of the digits is uphill: on the sheet (y down) along (east, −north).
@@ -163,16 +164,6 @@ def _label_candidates(contour: Contour, samples: MapSamples, interval: float) ->
     turn = np.degrees(np.arctan2(chord[:, 1], chord[:, 0]))
     rows = np.column_stack([score, at[:, 4], turn])[good]
     return [(s, MapText(text, x, y, LABEL_SIZE, LABEL_COLOUR, "middle", t)) for s, x, y, t in rows.tolist()]
-
-
-def arc_lengths(path: Points) -> Points:
-    """Return the arc length of a path at each of its points."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-
-
-def along(path: Points, arc: Points, lengths: Points) -> Points:
-    """Return the points of a path at arc lengths."""
-    return np.stack([np.interp(lengths, arc, path[:, axis]) for axis in (0, 1)], axis=-1)
 
 
 _LAKE, _FOREST = LAYERS["lake"].class_of().style, LAYERS["landuse"].class_of("forest").style
@@ -227,7 +218,7 @@ def _arrows(path: Points, width: Points, dry: npt.NDArray[np.bool_], space: Labe
     arc = arc_lengths(path)
     shapes: list[Shape] = []
     for middle in np.arange(ARROWS[0], arc[-1], ARROWS[1]):
-        ends = along(path, arc, middle + np.array([-1.0, 1.0]))
+        ends = at_lengths(path, arc, middle + np.array([-1.0, 1.0]))
         flow = (ends[1] - ends[0]) / max(float(np.hypot(*(ends[1] - ends[0]))), 1e-9)
         off = float(np.interp(middle, arc, width)) / 2 + 1.0
         at = ends.mean(axis=0) + off * np.array([-flow[1], flow[0]])

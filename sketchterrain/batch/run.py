@@ -44,10 +44,9 @@ from sketchterrain.io.console import Stages, describe_error
 from sketchterrain.io.files import check_disk, hash_file
 from sketchterrain.io.system import Interrupts, exclusive_run, free_memory
 from sketchterrain.jobs.estimates import Estimate
-from sketchterrain.jobs.export import DeviceFallback, build_terrain, write_export
+from sketchterrain.jobs.export import DeviceFallback, JobResult, build_terrain, write_export
 from sketchterrain.jobs.generate import (
     GenerateOptions,
-    GenerateResult,
     SharedResources,
     generate,
     measure_terrain,
@@ -303,7 +302,7 @@ def _previews(check_stop: Callable[[], None]) -> Iterator[Any]:
 
 def write_terrain(
     sketch: Sketch, folder: Path, output: Output, *, shared: SharedResources, stages: Stages
-) -> GenerateResult:
+) -> JobResult:
     """Write a terrain's files, moved into the folder together once all are complete."""
     if output.target is not None:
         return _export(sketch, folder, output, output.target, shared, stages)
@@ -314,12 +313,12 @@ def write_terrain(
 
 def _export(
     sketch: Sketch, folder: Path, output: Output, target: str, shared: SharedResources, stages: Stages
-) -> GenerateResult:
+) -> JobResult:
     check_view(output.view)
     weather = sketch_weather(sketch)
     export_plan = checked_plan(sketch, target, output.options or ExportOptions())
 
-    def write(context: ComputeContext, hidden: Path) -> GenerateResult:
+    def write(context: ComputeContext, hidden: Path) -> JobResult:
         terrain = build_terrain(sketch, context, stages, shared.memory)
         done = write_export(export_plan, terrain, hidden, stages=stages)
         measured = measure_terrain(terrain, stages)
@@ -332,7 +331,7 @@ def _export(
                 if picture is not None:
                     files += write_picture(hidden / "preview.png", picture)
         facts = report_header(terrain) | run_statistics(stages, rendering, files)
-        return GenerateResult(facts | {"target": target, **measured}, files, problem)
+        return JobResult(facts | {"target": target, **measured}, files, problem)
 
     return write_together(folder, write, shared.devices, stages)
 

@@ -120,11 +120,12 @@ _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
 
 
 @dataclass(frozen=True)
-class ExportResult:
-    """The content of the sidecar, and the written files, the sidecar last."""
+class JobResult:
+    """The content of the report or sidecar, the written files (it last), and why the preview is missing."""
 
     report: dict[str, Any]
     files: tuple[Path, ...]
+    problem: str | None = None
 
 
 def export(
@@ -136,7 +137,7 @@ def export(
     device: str | None,
     fast: bool,
     stages: Stages,
-) -> ExportResult:
+) -> JobResult:
     """Write a sketch's terrain as a target's files, and a sidecar of import settings.
 
     Files are moved into the folder when all are complete, and stale ones of an earlier export of the sketch
@@ -146,19 +147,19 @@ def export(
     plan = checked_plan(sketch, target, options)
     check_sidecar(folder, sketch.name, target)
 
-    def work(context: ComputeContext, restarts: tuple[str, ...]) -> ExportResult:
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> JobResult:
         with _prepared(folder), staging(folder) as hidden:
             terrain = build_terrain(sketch, context, stages)
             done = write_export(plan, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
             # As tiles of another layout, which an import must not find.
             stale = stale_files(folder / SIDECAR, report, ("format", "target", "sketch"))
-            return ExportResult(report, move_files(folder, done.files, stale=stale))
+            return JobResult(report, move_files(folder, done.files, stale=stale))
 
     return DeviceFallback(device, fast=fast).run(work, stages=stages)
 
 
-def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Stages) -> ExportResult:
+def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: Stages) -> JobResult:
     """Sample a terrain and write a target's files and the sidecar into a hidden folder."""
     _check_disk(plan, terrain, folder)
     with stages.stage("ground", "Heights and materials") as progress:
@@ -179,7 +180,7 @@ def write_export(plan: ExportPlan, terrain: Terrain, folder: Path, *, stages: St
         with wrap_os_errors(file), file.open("rb") as stream:
             os.fsync(stream.fileno())
     path, report = write_sidecar(job, written, plan.target.name)
-    return ExportResult(report, (*written.files, path))
+    return JobResult(report, (*written.files, path))
 
 
 def scene_view(terrain: TerrainSource) -> SceneView:

@@ -40,7 +40,7 @@ from sketchterrain.generation.building import stored_results
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.console import Stages
 from sketchterrain.io.system import peak_memory, release_freed_memory
-from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
+from sketchterrain.jobs.export import DeviceFallback, JobResult, build_terrain, noted_drapes
 from sketchterrain.jobs.pictures import sketch_weather
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
 from sketchterrain.measure.adherence import measure_adherence
@@ -146,15 +146,6 @@ class GenerateOptions:
 
 
 @dataclass(frozen=True)
-class GenerateResult:
-    """The content of ``report.json``, the written files (the report last), and why the preview is missing."""
-
-    report: dict[str, Any]
-    files: tuple[Path, ...]
-    problem: str | None
-
-
-@dataclass(frozen=True)
 class SharedResources:
     """Resources shared by the terrains of one process."""
 
@@ -172,7 +163,7 @@ def generate(
     fast: bool = False,
     stages: Stages,
     shared: SharedResources | None = None,
-) -> GenerateResult:
+) -> JobResult:
     """Write a sketch's terrain: heights, normals, materials, plants, features, pictures and a report.
 
     Files are moved into the folder when all are complete, and stale ones of the previous run removed. After a
@@ -182,7 +173,7 @@ def generate(
     weather = sketch_weather(sketch, options.hour, options.sky, options.clouds)
     use = shared or SharedResources(DeviceFallback(device, fast=fast), stored_results())
 
-    def write(context: ComputeContext, hidden: Path) -> GenerateResult:
+    def write(context: ComputeContext, hidden: Path) -> JobResult:
         return _write_files(sketch, hidden, options, weather, context, use, stages)
 
     return write_together(folder, write, use.devices, stages)
@@ -190,13 +181,13 @@ def generate(
 
 def write_together(
     folder: Path,
-    write: Callable[[ComputeContext, Path], GenerateResult],
+    write: Callable[[ComputeContext, Path], JobResult],
     devices: DeviceFallback,
     stages: Stages,
-) -> GenerateResult:
+) -> JobResult:
     """Write files and a report into a hidden folder, and move them into `folder` once all are complete."""
 
-    def work(context: ComputeContext, restarts: tuple[str, ...]) -> GenerateResult:
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> JobResult:
         prepare_folder(folder)
         with staging(folder) as hidden:
             done = write(context, hidden)
@@ -216,7 +207,7 @@ def _write_files(
     context: ComputeContext,
     shared: SharedResources,
     stages: Stages,
-) -> GenerateResult:
+) -> JobResult:
     with _BackgroundWriter() as writer, ExitStack() as stack:
         painter = ThreadPoolExecutor(1, "preview")
         stack.callback(painter.shutdown, wait=False)  # after an error nobody waits for the picture
@@ -271,7 +262,7 @@ def _write_files(
             files = writer.finish() + plants.files
     report["notes"] += () if drapes is None else (*drapes.problems, *drapes.notes)
     report |= run_statistics(stages, rendering, files) | {"writing": rounded(writer.seconds)}
-    return GenerateResult(report, files, problem)
+    return JobResult(report, files, problem)
 
 
 def measure_terrain(terrain: Terrain, stages: Stages) -> dict[str, Any]:

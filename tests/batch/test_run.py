@@ -34,7 +34,7 @@ from sketchterrain.export.files import move_files, prepare_folder, staging
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.io.console import Stages
 from sketchterrain.io.files import write_atomic
-from sketchterrain.jobs.generate import GenerateResult
+from sketchterrain.jobs.export import JobResult
 from tests.refusals import refused
 
 OUTPUT = Output(size=17, preview=False)
@@ -74,7 +74,7 @@ class FakeWriter:
 
     def __call__(
         self, sketch: Sketch, folder: Path, output: Output, *, shared: object, stages: Stages
-    ) -> GenerateResult:
+    ) -> JobResult:
         with LOCK:
             self.at_once += 1
             self.most = max(self.most, self.at_once)
@@ -88,7 +88,7 @@ class FakeWriter:
                 with stages.stage("files", "Writing"):
                     moved = move_files(folder, files)
             self.seeds.append(sketch.seed)
-            return GenerateResult(
+            return JobResult(
                 {"adherence": {"mean_iou": 0.5, "shapes": [1]}, "restarts": []}, moved, self.problem
             )
         finally:

@@ -363,21 +363,24 @@ class Drapes:
                     break
             elif source is not None:
                 gaps = self._gaps(number, source, x, y, texel)
-                bodies = sorted(((np.isneginf(gaps[each]), each) for each in gaps), reverse=True)
-                drawn += [Pick(number, each) for _, each in bodies if gaps[each] <= 0.0]
-                near |= {(number, each): gap for each, gap in gaps.items() if 0.0 < gap <= PICK * texel}
+                bodies = sorted(
+                    ((gap == -np.inf, each) for each, gap in gaps.items() if gap <= 0.0), reverse=True
+                )
+                drawn += [Pick(number, each) for _, each in bodies]
+                near |= {(number, each): gap for each, gap in gaps.items() if gap > 0.0}
         return drawn + [Pick(*key, near[key]) for key in sorted(near, key=near.__getitem__)]
 
     def _gaps(self, number: int, source: VectorSource, x: float, y: float, texel: float) -> dict[int, float]:
-        """Return how far (m) a place is from features near it as they are drawn.
+        """Return how far (m) a place is from features within 3 px of it as they are drawn.
 
         It is at most 0 on casings, which are beneath all else of the layer, and -inf on the rest.
         """
-        found, turns = dict[int, float](), Counter[int]()
+        found, turns, most = dict[int, float](), Counter[int](), PICK * texel
         own = slice(*self._first_style[number : number + 2])
-        half, cased = np.split(0.5 * np.maximum(self._widths[own] @ (1.0, texel), texel), 2)
-        cased, shown = np.maximum(half, cased), self._shown[own]
-        for level, which in source.query(_grown((x, y, x, y), float(cased.max()) + PICK * texel), texel):
+        widths, shown = 0.5 * np.maximum(self._widths[own] @ (1.0, texel), texel), self._shown[own]
+        half = widths[: len(widths) // 2]
+        cased = np.maximum(half, widths[len(half) :])
+        for level, which in source.query(_grown((x, y, x, y), float(cased.max()) + most), texel):
             items = level.items[which]
             row = 1 + source.classes(items["feature"], self.layers[number], self.memory)
             keep = shown[row, items["kind"]]
@@ -388,12 +391,14 @@ class Drapes:
             lines = items["first"].copy(), items["count"].copy(), level.points
             host_function("lines_around")(*lines, x, y, distance, turned)
             gap = np.where(distance <= half[row], -np.inf, distance - cased[row])
-            feature = items["feature"].tolist()
-            for each, is_area, near, turn in zip(
-                feature, (items["kind"] == FILL).tolist(), gap.tolist(), turned.tolist(), strict=True
-            ):
-                found[each] = min(found.get(each, np.inf), np.inf if is_area else near)
-                turns[each] += turn if is_area else 0
+            is_area = items["kind"] == FILL
+            chosen = np.flatnonzero(np.where(is_area, turned != 0, gap <= most))
+            columns = items["feature"], is_area, gap, turned
+            for each, area, near, turn in zip(*(column[chosen].tolist() for column in columns), strict=True):
+                if area:
+                    turns[each] += turn
+                else:
+                    found[each] = min(found.get(each, near), near)
         return found | {each: -np.inf for each, turn in turns.items() if turn}
 
     def pick(self, x: float, y: float, texel: float) -> Pick | None:

@@ -54,9 +54,10 @@ class LRUCache:
         """Return the bytes of the arrays that a value consists of."""
         if isinstance(value, np.ndarray):
             return value.nbytes
-        if isinstance(value, (tuple, list)):
-            return sum(self._size_of(each) for each in value if type(each) not in _PLAIN)
-        return sum(map(self._size_of, vars(value).values())) if hasattr(value, "__dataclass_fields__") else 0
+        parts: Any = value if isinstance(value, (tuple, list)) else ()
+        if hasattr(value, "__dataclass_fields__"):
+            parts = vars(value).values()
+        return sum([self._size_of(each) for each in parts if type(each) not in _PLAIN])
 
     def get(self, key: Hashable, default: Any = None) -> Any:
         """Return the value cached for a key, now the most recently used, or a default."""

@@ -141,6 +141,19 @@ void mean_factors(
             mean[i][j] = scratch[i][j] > 0.0 ? mean[i][j] / scratch[i][j] : 1.0;
 }
 
+/* What quadratic B-splines read at a node. */
+static inline double as_read(
+    int64_t rows, int64_t columns, const double values[restrict rows][columns], int64_t i, int64_t j)
+{
+    const double *south = values[greatest_index(i - 1, 0)], *north = values[least_index(i + 1, rows - 1)];
+    double found[3];
+    for (int64_t k = 0; k < 3; k++) {
+        int64_t at = least_index(greatest_index(j + k - 1, 0), columns - 1);
+        found[k] = 0.75 * values[i][at] + 0.125 * (south[at] + north[at]);
+    }
+    return 0.75 * found[1] + 0.125 * (found[0] + found[2]);
+}
+
 void adjust_factors(
     int64_t rows, int64_t columns, const double effect[restrict rows][columns],
     const double below[restrict rows][columns], int64_t fine_rows, int64_t fine_columns,
@@ -156,7 +169,8 @@ void adjust_factors(
             int64_t q = row + i * step, p = column + j * step, k = owner[q][p];
             double rise = target[q][p] - below[i][j];
             if (k >= 0 && rise > least_rise)
-                scratch[group[k]] = greatest(scratch[group[k]], effect[i][j] / rise);
+                scratch[group[k]] = greatest(
+                    scratch[group[k]], as_read(rows, columns, effect, i, j) / rise);
         }
     for (int64_t k = 0; k < features; k++) {
         double reached = scratch[group[k]];

@@ -43,7 +43,8 @@ HOST void mean_factors(
     double mean[restrict rows][columns], /* given as zeros */
     double scratch[restrict rows][columns]); /* … too */
 
-/* Scale the factors of groups of features by a share of how far their highest crests are from their aims. */
+/* Scale the factors of groups of features by a share of how far their highest crests, as splines read them,
+ * are from their aims. */
 HOST void adjust_factors(
     int64_t rows, int64_t columns,
     const double effect[restrict rows][columns], /* what the features raise nodes by, m */

@@ -284,8 +284,8 @@ def content_items(
 ) -> StructuredArray:
     """Return `ITEM` rows of contents and their boxes (n, 2), sorted."""
     rows = np.zeros(len(contents), ITEM)
-    joined = (b"".join(parts) if isinstance(parts, tuple) else parts for parts in contents)
-    digests = b"".join(blake2b(each, digest_size=16).digest() for each in joined)
+    joined = [b"".join(parts) if isinstance(parts, tuple) else parts for parts in contents]
+    digests = b"".join([blake2b(each, digest_size=16).digest() for each in joined])
     rows["id"], rows["digest"] = np.frombuffer(digests, np.uint64).reshape(-1, 2).T
     rows["low"], rows["high"] = low, high
     return np.asarray(rows[np.argsort(rows, order=("id", "digest"))])

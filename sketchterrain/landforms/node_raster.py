@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,9 @@ def node_level(cell: float, extent: float) -> int:
     while level < COARSEST and cell >= extent * 2.0 ** (level + 1 + NODE_BITS - 24):
         level += 1
     return level
+
+
+_NODE: Final[Any] = np.dtype([("height", "f4"), ("rock", "u1"), ("wetness", "u1")])
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,24 +110,26 @@ class DrainedRaster:
 
     def items(self) -> StructuredArray:
         """Return blocks of nodes by their contents, and the boxes (lattice units) that they affect."""
-        contents: list[tuple[bytes, ...]] = []
+        contents: list[bytes] = []
         corners: list[tuple[int, int, int, int]] = []
         for level, nodes in enumerate(self.levels):
             side, bits = max(_ITEM_NODES >> level, 1), NODE_BITS + level
             reach = (3 << bits >> 1) + (1 << NODE_BITS) + _ROUNDING
-            rows, columns = nodes.height.shape
-            for south in range(nodes.row // side * side, nodes.row + rows, side):
-                for west in range(nodes.column // side * side, nodes.column + columns, side):
-                    part = np.s_[
-                        max(south - nodes.row, 0) : south + side - nodes.row,
-                        max(west - nodes.column, 0) : west + side - nodes.column,
-                    ]
-                    if np.isnan(nodes.height[part]).all():
-                        continue
-                    place = np.array([level, south, west]).tobytes()
-                    values = nodes.height, nodes.rock, nodes.wetness
-                    contents.append((place, *(each[part].tobytes() for each in values)))
-                    corners.append((west, south, bits, reach))
+            south, west = nodes.row % side, nodes.column % side
+            rows, columns = (
+                -(-(start + count) // side)
+                for start, count in zip((south, west), nodes.height.shape, strict=True)
+            )
+            window = np.zeros((rows * side, columns * side), _NODE)
+            window["height"] = np.nan
+            inner = window[south : south + nodes.height.shape[0], west : west + nodes.height.shape[1]]
+            for name in _NODE.names:
+                inner[name] = getattr(nodes, name)
+            blocks = window.reshape(rows, side, columns, side).swapaxes(1, 2)
+            for row, column in np.argwhere(~np.isnan(blocks["height"]).all(axis=(2, 3))).tolist():
+                place = level, nodes.row - south + side * row, nodes.column - west + side * column
+                contents.append(np.array(place).tobytes() + blocks[row, column].tobytes())
+                corners.append((place[2], place[1], bits, reach))
         if not contents:
             return np.zeros(0, ITEM)
         west, south, bits, reach = np.array(corners, np.int64).T
@@ -164,9 +169,7 @@ class NodeWindow(NamedTuple):
     base: Float32Array  # 0 … 1; empty without a base
 
 
-CHUNK_RECORD: np.dtype[np.void] = np.dtype(
-    [(name, kind, (CHUNK, CHUNK)) for name, kind in (("height", "f4"), ("rock", "u1"), ("wetness", "u1"))]
-)
+CHUNK_RECORD: np.dtype[np.void] = np.dtype([(name, _NODE[name], (CHUNK, CHUNK)) for name in _NODE.names])
 """A chunk of unpainted nodes in a cache on disk."""
 
 _NO_BASE = np.zeros((0, 0), np.float32)

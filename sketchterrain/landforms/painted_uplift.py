@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import correlate1d, distance_transform_edt
+from scipy.ndimage import distance_transform_edt
 
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
 from sketchterrain.host.library import host_function
@@ -34,6 +34,7 @@ from sketchterrain.landforms.drainage import (
 )
 from sketchterrain.landforms.placement.feature_types import smoothstep
 from sketchterrain.landforms.uplift import Outline, UpliftFeatures
+from sketchterrain.stages.runner import Runner
 
 COLLAR = 0.5  # width of the collar, visible radii
 _ZONE = 1.2  # visible radii around features, beyond which the ground stays as it is
@@ -62,6 +63,7 @@ PASSES = 2  # adjustments of whole shapes, at the last routing
 
 _LEVELS = 4
 _OUTSIDE = -9.0
+_NONE: Int64Array = np.zeros(0, np.int64)
 
 
 class _Steepness(NamedTuple):
@@ -114,6 +116,7 @@ def painted_uplift(
     cell: float,
     rock: Float32Array | None = None,
     outlines: Mapping[str, Outline] = MappingProxyType({}),
+    run: Runner | None = None,
 ) -> PaintedUplift:
     """Return the uplift of painted features on top of a region's ground.
 
@@ -125,6 +128,7 @@ def painted_uplift(
     rock : share of rock, 0 … 1, of the unpainted ground
     outlines : painted shapes of mountains and hills, which features fill beyond their radii
     """
+    run = Runner() if run is None else run
     shape = ground.base.shape
     centre = _centres(features, ground, cell)
     radius = np.maximum(features.radius / cell, 1.0)
@@ -136,64 +140,81 @@ def painted_uplift(
     repose = ground.repose
     rock = rock * (1.0 - calm).astype(np.float32)
     layers = []
-    raises = features.height > 0.0
-    if raises.any():
-        broad, fine = (_unevenness(ground.origin, shape, octaves) for octaves in (_BROAD, _FINE))
     for name in ("mountain", "hill"):
-        is_rock = name == "mountain"
-        members = np.flatnonzero((features.is_rock == is_rock) & raises)
+        members = np.flatnonzero((features.is_rock == (name == "mountain")) & (features.height > 0.0))
         if not len(members):
             continue
         part = features.of(members)
-        region, exact = np.full(shape, -1, np.int32), 0.0
-        if name in outlines:
-            region, exact = outlines[name].region_at(ground.origin, shape), outlines[name].exactness
-        position, owner, means = _features_at(
-            (centre[0][members], centre[1][members]),
-            radius[members],
-            np.stack([part.height, part.peakiness, part.erosion, part.radius, part.strata], axis=-1),
-            (part.region, region),
-        )
-        inside = position > _OUTSIDE
-        if name in outlines:
-            inset = outlines[name].depth_at(ground.origin, shape)
-            within = np.minimum(inset / np.maximum(means[..., 3], cell), position + outlines[name].filling)
-            position = np.where(inside, np.maximum(position, within), _OUTSIDE)
-        height, peakiness, erosion, wide, layered = np.moveaxis(means, -1, 0)
-        slope = np.where(inside, height / np.maximum(wide, 1e-9), 0.0)
-        core = smoothstep((position + _OUTSET + _EDGE) / (2.0 * _EDGE))
-        collar = smoothstep((position + COLLAR) / COLLAR) * (1.0 - core)
-        rise = np.clip(position, 0.0, 1.0)
-        uneven = broad + fine * smoothstep((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
-        uneven = 1.0 + _UNEVEN * uneven
-        peak = 1.0 + _PEAK * (peakiness - 0.5) * (2.0 * rise - 1.0)
-        sides = _side_slopes(position, slope, erosion, exact, is_rock=is_rock)
-        foot = smoothstep((position + COLLAR) / (0.6 * COLLAR))
-        ramp = _STEEPEST * np.minimum(uneven, 1.0) * sides
-        own = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
-        repose = np.where(inside, np.maximum(own, np.where(repose is ground.repose, 0.0, repose)), repose)
-        risen = (owner >= 0) & (part.summit > -np.inf)[owner]
-        # Data that lie higher at the foot of a slope are not what rises.
-        owner = np.where(risen & (position < _SUMMIT), -1, owner)
-        collar, raised = _COLLAR_UPLIFT * slope * collar, _CORE_UPLIFT * slope * core * peak * uneven
-        collars, cores = _coarsened_fields(collar, raised, ground)
-        insides, _ = _coarsened_fields(np.where(inside, core, 0.0), ground.repose, ground)
-        layers.append(
-            FeatureLayer(
-                *(members, collars, cores, insides),
-                np.where(risen, part.summit[owner], height),
-                region,
-                owner,
-                _highest(part),
-                risen & (owner >= 0),
-            )
-        )
-        if is_rock:
-            bare = np.where(inside, smoothstep(position / _ROCK_DEPTH), 0.0)
+        # Numbers of shapes among those of all layers depend on the others.
+        alone = part._replace(shape=part.region)
+        found = run(_raised_by, alone, ground, cell, name, outlines.get(name), hashed=False)
+        layers.append(replace(found.layer, members=members, highest=_highest(part)))
+        below = 0.0 if repose is ground.repose else repose
+        repose = np.where(found.inside, np.maximum(found.repose, below), repose)
+        if found.rock is not None:
+            bare, strata = found.rock
             rock = np.maximum(rock, bare).astype(np.float32)
-            strata = np.where(inside, layered * core, 0.0)
     levels = pyramid(replace(ground, uplift=uplift, repose=np.maximum(repose, 0.3 * uplift), strata=strata))
     return PaintedUplift(features, levels, tuple(layers), rock.astype(np.float32), near > -_ZONE)
+
+
+class _Raised(NamedTuple):
+    """What features of one layer do to the nodes of level 0, (rows, columns)."""
+
+    layer: FeatureLayer  # with no members
+    inside: BoolArray
+    repose: Float64Array
+    rock: tuple[Float64Array, Float64Array] | None  # 0 … 1, of mountains: where it is bare, its strata
+
+
+def _raised_by(
+    part: UpliftFeatures, ground: DrainageInput, cell: float, name: str, outline: Outline | None, run: Runner
+) -> _Raised:
+    is_rock, shape = name == "mountain", ground.base.shape
+    broad, fine = (
+        run(_unevenness, ground.origin, shape, octaves, hashed=False) for octaves in (_BROAD, _FINE)
+    )
+    region, exact = np.full(shape, -1, np.int32), 0.0
+    if outline is not None:
+        region, exact = outline.region_at(ground.origin, shape), outline.exactness
+    position, owner, means = _features_at(
+        _centres(part, ground, cell),
+        np.maximum(part.radius / cell, 1.0),
+        np.stack([part.height, part.peakiness, part.erosion, part.radius, part.strata], axis=-1),
+        (part.region, region),
+    )
+    inside = position > _OUTSIDE
+    height, peakiness, erosion, wide, layered = np.ascontiguousarray(np.moveaxis(means, -1, 0))
+    if outline is not None:
+        inset = outline.depth_at(ground.origin, shape)
+        within = np.minimum(inset / np.maximum(wide, cell), position + outline.filling)
+        position = np.where(inside, np.maximum(position, within), _OUTSIDE)
+    slope = np.where(inside, height / np.maximum(wide, 1e-9), 0.0)
+    core = smoothstep((position + _OUTSET + _EDGE) / (2.0 * _EDGE))
+    collar = smoothstep((position + COLLAR) / COLLAR) * (1.0 - core)
+    rise = np.clip(position, 0.0, 1.0)
+    uneven = broad + fine * smoothstep((position - _FINE_FROM) / (_FINE_FULL - _FINE_FROM))
+    uneven = 1.0 + _UNEVEN * uneven
+    peak = 1.0 + _PEAK * (peakiness - 0.5) * (2.0 * rise - 1.0)
+    sides = _side_slopes(position, slope, erosion, exact, is_rock=is_rock)
+    foot = smoothstep((position + COLLAR) / (0.6 * COLLAR))
+    ramp = _STEEPEST * np.minimum(uneven, 1.0) * sides
+    repose = np.maximum(ground.repose * (1.0 - core) * (1.0 - foot), ramp)
+    risen = (owner >= 0) & (part.summit > -np.inf)[owner]
+    # Data that lie higher at the foot of a slope are not what rises.
+    owner = np.where(risen & (position < _SUMMIT), -1, owner)
+    collar, raised = _COLLAR_UPLIFT * slope * collar, _CORE_UPLIFT * slope * core * peak * uneven
+    collars, cores = _coarsened_fields(collar, raised, ground)
+    insides, _ = _coarsened_fields(np.where(inside, core, 0.0), ground.repose, ground)
+    target = np.where(risen, part.summit[owner], height)
+    layer = FeatureLayer(
+        *(_NONE, collars, cores, insides, target, region, owner, part.height, risen & (owner >= 0))
+    )
+    rock = None
+    if is_rock:
+        bare = np.where(inside, smoothstep(position / _ROCK_DEPTH), 0.0)
+        rock = bare, np.where(inside, layered * core, 0.0)
+    return _Raised(layer, inside, repose, rock)
 
 
 def _side_slopes(
@@ -213,13 +234,6 @@ def _centres(
 ) -> tuple[Float64Array, Float64Array]:
     """Return columns and rows of the features among the nodes of level 0."""
     return features.x / cell - level.origin[1], features.y / cell - level.origin[0]
-
-
-def _as_read(nodes: Float64Array) -> Float64Array:
-    """Return what quadratic B-splines read at nodes; NaN beside missing ones."""
-    for axis in (0, 1):
-        nodes = correlate1d(nodes, [0.125, 0.75, 0.125], axis, mode="nearest")
-    return nodes
 
 
 def _highest(features: UpliftFeatures) -> Float64Array:
@@ -289,7 +303,7 @@ class HeightControl:
         height = solver.heights(ground + sum(parts))
         for layer, part in zip(painted.layers, parts, strict=True):
             without = solver.heights(ground + np.maximum(sum(parts) - part, 0.0))
-            factors, effect = self.factors[layer.members], _as_read(height - without)
+            factors, effect = self.factors[layer.members], height - without
             aims = layer.target, self._below(layer, index), layer.owner, np.arange(len(factors)), 1e-3
             if whole:
                 aims = self._shape_aims(layer, index, layer.owner)
@@ -301,7 +315,7 @@ class HeightControl:
         _, start, step = self._place(index)
         nearest = distance_transform_edt(layer.owner < 0, return_distances=False, return_indices=True)
         aims, gains = self._shape_aims(layer, index, layer.owner[tuple(nearest)]), np.ones(len(layer.members))
-        _adjust_factors(_as_read(effect), aims, start, step, gains, 1.0)
+        _adjust_factors(np.ascontiguousarray(effect), aims, start, step, gains, 1.0)
         return self._spread(layer, index, gains)
 
     def _shape_aims(self, layer: FeatureLayer, index: int, owner: Int64Array) -> tuple[Any, ...]:
@@ -430,6 +444,8 @@ def _adjust_factors(
     share: float,
 ) -> None:
     """Scale the factors of groups of features by how far their highest crests are from their aims.
+
+    Crests have the effects that quadratic B-splines read at nodes; NaN beside missing ones.
 
     `aims` are heights (m) that crests have at nodes, the ground below them, the feature at each node, the
     group of each feature, and the least rise (m) that counts.

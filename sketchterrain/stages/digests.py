@@ -195,7 +195,10 @@ def _feed(update: Callable[[Any], None], value: Any, *, outermost: bool = False)
     elif isinstance(value, (tuple, list)):
         update(b"%s %d;" % (kind.__name__.encode(), len(value)))
         for each in value:
-            _feed(update, each)
+            if type(each) in _LITERALS:  # as most: a call less
+                update(f"{type(each).__name__} {each!r};".encode())
+            else:
+                _feed(update, each)
     elif isinstance(value, (dict, MappingProxyType)):
         _feed(update, ("items", [part for item in value.items() for part in item]))
     elif isinstance(value, (set, frozenset)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from hashlib import blake2b
 from inspect import signature
@@ -73,6 +73,7 @@ class Runner:
         self.results = Results() if results is None else results
         self.checkpoint = checkpoint
         self.count = 0  # of runs, whose results were not stored
+        self.progress: Callable[[float], None] = lambda _: None  # of the share done of what runs, 0 … 1
 
     def __call__(
         self, function: Callable[..., Value], *inputs: Any, hashed: bool = True, stored: bool = False
@@ -94,6 +95,13 @@ class Runner:
         else:
             remember_parts(result, key)
         return self.results.store(key, result)
+
+    def steps(self, items: Sequence[Value]) -> Iterator[Value]:
+        """Yield the items that what runs consists of, with a checkpoint and the share done before each."""
+        for number, item in enumerate(items):
+            self.checkpoint()
+            self.progress(number / len(items))
+            yield item
 
     def each(
         self, function: Callable[..., Sequence[Value]], items: Sequence[Any], *inputs: Any

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from typing import Any, Final
 
@@ -58,8 +59,8 @@ class StageTable(dict[str, Stage]):
 class Evaluation:
     """Results of the stages of a sketch, each run when it is first asked for.
 
-    `progress` is called after each stage with the share done of the whole table's costs, 0 … 1; a stage whose
-    result was stored costs nothing.
+    `progress` is called after each stage, and within long ones, with the share done of the whole table's
+    costs, 0 … 1; a stage whose result was stored costs nothing.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class Evaluation:
             inputs = [self[each] for each in stage.inputs]
             if stage.reads:
                 inputs.insert(0, self._part(stage.reads))
-            runs = self._run.count
+            runs, self._run.progress = self._run.count, partial(self._report, stage)
             if stage.fresh:
                 self._found[name] = stage.function(*inputs)
             else:
@@ -87,8 +88,13 @@ class Evaluation:
                 self._found[name] = self._run(stage.function, *inputs, **options)
             self._left -= stage.cost
             self._done += stage.cost if stage.fresh or self._run.count > runs else 0
-            self._progress(1.0 - self._left / max(self._left + self._done, 1))
+            self._report()
         return self._found[name]
+
+    def _report(self, stage: Stage | None = None, share: float = 0.0) -> None:
+        """Report the share done, with that of a stage that runs."""
+        part = share * stage.cost if stage else 0.0
+        self._progress((self._done + part) / max(self._left + self._done, 1))
 
     def supposing(self, results: Mapping[str, Any]) -> Evaluation:
         """Return the stages of the same sketch if some of them had other results."""

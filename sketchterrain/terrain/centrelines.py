@@ -300,8 +300,8 @@ def _curve(river: River) -> tuple[Float64Array, Float64Array]:
     it gets the spline through all of its points.
     """
     own = np.arange(len(river.centreline), dtype=np.float64)
-    ends = {row.tobytes(): number for number, row in enumerate(river.centreline)}
-    controls = np.array([ends.get(row.tobytes(), -1) for row in river.points])
+    ends = {row: number for number, row in enumerate(_bytes_of(river.centreline))}
+    controls = np.array([ends.get(row, -1) for row in _bytes_of(river.points)])
     if controls[0] != 0 or controls[-1] != own[-1] or (np.diff(controls) <= 0).any():
         return cubics(river.centreline[:, :2]), own
     u = np.interp(own, controls, np.arange(len(controls), dtype=np.float64))
@@ -312,6 +312,11 @@ def _curve(river: River) -> tuple[Float64Array, Float64Array]:
     spline, dense = cubics(river.points[:, :2]), cubics(river.centreline[:, :2])
     curve = np.where(other[number][:, None, None], dense[knots[:-1]], spline[number])
     return curve, np.interp(own, knots, np.arange(len(knots), dtype=np.float64))
+
+
+def _bytes_of(rows: Float64Array) -> list[bytes]:
+    """Return the bytes of each row."""
+    return list(np.ascontiguousarray(rows).view(f"V{rows.itemsize * rows.shape[1]}")[:, 0].tolist())
 
 
 def _profile_anchors(river: River, line: Float64Array, anchors: npt.NDArray[np.intp]) -> BoolArray:
@@ -349,19 +354,22 @@ def meetings_on(river: River, meeting: Float64Array | None) -> npt.NDArray[np.in
 
 def _douglas_peucker(arc: Float64Array, values: Float64Array, anchors: npt.NDArray[np.intp]) -> BoolArray:
     """Return which points to retain so that linear interpolation stays within 1 (Douglas & Peucker 1973)."""
-    retained = np.zeros(len(arc), dtype=bool)
+    retained, columns = np.zeros(len(arc), dtype=bool), np.ascontiguousarray(values.T)
     retained[anchors] = True
+    inner = np.arange(anchors[0], anchors[-1])
     while True:  # all stretches between retained points at once, each split where it deviates most
         ends = np.flatnonzero(retained)
-        stretch = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+        stretch = np.searchsorted(ends, inner, side="right") - 1
         first, last = ends[stretch], ends[stretch + 1]
-        inner = slice(ends[0], ends[-1])
         share = (arc[inner] - arc[first]) / np.maximum(arc[last] - arc[first], 1e-12)
-        straight = values[first] + share[:, None] * (values[last] - values[first])
-        deviation = np.abs(values[inner] - straight).max(axis=1)
-        most = np.maximum.reduceat(deviation, ends[:-1] - ends[0])
-        worst = np.flatnonzero((deviation == most[stretch]) & (deviation > 1.0))
+        start = columns[:, first]
+        straight = start + share * (columns[:, last] - start)
+        deviation = np.abs(columns[:, inner] - straight).max(axis=0)
+        begin = np.flatnonzero(np.diff(stretch, prepend=-1))
+        most = np.repeat(np.maximum.reduceat(deviation, begin), np.diff(np.append(begin, len(inner))))
+        worst = np.flatnonzero((deviation == most) & (deviation > 1.0))
         if len(worst) == 0:
             return retained
         _, where = np.unique(stretch[worst], return_index=True)
-        retained[ends[0] + worst[where]] = True
+        retained[inner[worst[where]]] = True
+        inner = inner[most > 1.0]  # the others are straight

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import correlate1d
 
 from sketchterrain.host.library import host_function
 
@@ -85,6 +86,8 @@ def test_factors_are_averaged_and_adjusted_at_coarse_nodes(count, rows, columns)
     adjusted, group = factors.copy(), np.arange(count) // 2
     given = effect, below, target, owner, group, 1e-3, 0, 0, 2, 0.7
     host_function("adjust_factors")(*given, adjusted, np.empty(count))
+    for axis in (0, 1):
+        effect = correlate1d(effect, [0.125, 0.75, 0.125], axis, mode="nearest")
     rise = target[coarse] - below
     for k in range(count):
         of_group = (group[owner[coarse]] == group[k]) & (owner[coarse] >= 0) & (rise > 1e-3)

@@ -184,8 +184,14 @@ def test_each_field_runs_the_stages_that_declare_it_and_what_differs_after():
     cases(1)
 
 
+class WholeStages(Runner):
+    """Reports no shares within stages."""
+
+    progress = property(lambda _: lambda _: None, lambda *_: None)
+
+
 def shares_of(sketch, results, stop=2.0):
-    """Return the shares done that are reported until one reaches a limit, which cancels."""
+    """Return the shares done that are reported after stages until one reaches a limit, which cancels."""
     shares = []
 
     def report(share):
@@ -194,7 +200,7 @@ def shares_of(sketch, results, stop=2.0):
             raise InterruptedError
 
     with suppress(InterruptedError):
-        Evaluation(STAGES, sketch, Runner(results), report)["recipe"]
+        Evaluation(STAGES, sketch, WholeStages(results), report)["recipe"]
     assert shares == sorted(shares)
     return shares
 
@@ -256,3 +262,14 @@ def test_the_architecture_names_the_stages_in_their_order():
     rows = [row.split(" | ") for row in text.splitlines() if row.count(" | ") == 3 and row.startswith("| ")]
     found = [(name[2:], after) for name, _, after, _ in rows if name[2:] in STAGES]
     assert found == [(stage.name, ", ".join(stage.inputs)) for stage in STAGES.values()]
+
+
+def test_shares_within_stages_are_reported():
+    shares, run = [], Runner()
+    run.progress = shares.append
+    assert list(run.steps("abcd")) == [*"abcd"]
+    assert shares == [0.0, 0.25, 0.5, 0.75]
+    shares.clear()
+    Evaluation(STAGES, base(), Runner(), shares.append)["recipe"]
+    assert shares == sorted(shares)
+    assert len(shares) > len(STAGES)

@@ -197,7 +197,7 @@ def lay_out_rivers(
     found = end_heights(sketch, ground, [_end_positions(*each) for each in networks])
     return [
         course
-        for network, heights in zip(networks, found, strict=True)
+        for network, heights in run.steps(list(zip(networks, found, strict=True)))
         for course in _courses(sketch, network, heights, seed, water, run)
     ]
 

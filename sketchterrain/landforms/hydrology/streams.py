@@ -101,7 +101,7 @@ def stream_courses(
     reach = [np.maximum(raster.spacing, (each.given is not None) * 0.5 * each.width) for each in courses]
     joins_within = np.concatenate([*reach, np.zeros(0)])
     found: list[RiverCourse | None] = []
-    for path, number in paths:
+    for path, number in run.steps(paths):
         parent = found[number] if number >= 0 else None
         if (number >= 0 and parent is None) or not inside[path].any():
             found.append(None)

@@ -169,7 +169,7 @@ class CorridorsLayer(TerrainLayer):
                     extent,
                     hashed=False,
                 )
-                for river, radii in zip(rivers, valley_radii, strict=True)
+                for river, radii in run.steps(list(zip(rivers, valley_radii, strict=True)))
             )
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
@@ -224,7 +224,9 @@ class TerrainLayer:
 
     def change(self, old: TerrainLayer, world: WorldSettings) -> LayerChange | None:
         """Return what differs from a layer with the same key; None if it may be anything anywhere."""
-        before, now = old.items(world), self.items(world)
+        before, now = (
+            each.cache.get_or_compute(("items", world), partial(each.items, world)) for each in (old, self)
+        )
         removed, added = row_difference(before, now)
         boxes = [old.boxes(before[removed], world), self.boxes(now[added], world)]
         return LayerChange(removed, added, np.concatenate(boxes))

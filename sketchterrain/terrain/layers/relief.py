@@ -291,11 +291,10 @@ class ReliefLayer(TerrainLayer):
             site.nodes = self.reader()
         height, weight = np.zeros((2, 3, *site.x.shape))
         rock, wet = np.zeros((2, *site.x.shape))
-        chunks, inverse = np.unique(place // CHUNK, axis=0, return_inverse=True)
-        order = np.argsort(inverse.ravel(), kind="stable")
-        ends = np.searchsorted(inverse.ravel()[order], np.arange(len(chunks) + 1))
-        for number in range(len(chunks)):
-            own = order[ends[number] : ends[number + 1]]
+        chunk = place // CHUNK
+        order = np.lexsort((chunk[:, 1], chunk[:, 0]))
+        starts = np.flatnonzero(np.diff(chunk[order], axis=0).any(axis=1)) + 1
+        for own in np.split(order, starts) if len(order) else []:
             corner = place[own].min(axis=0) - APRON[0]
             columns, rows = place[own].max(axis=0) + APRON[1] + 1 - corner
             nodes = site.nodes.window(level, *(int(n) for n in (*corner, rows, columns)))

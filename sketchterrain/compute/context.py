@@ -1,5 +1,12 @@
-"""OpenCL context: programs, launches, transfers, and the meaning of failures."""
+"""OpenCL context: programs, launches, transfers, and the meaning of failures.
 
+Run as a program, it compiles programs and stores them for the process that started it.
+"""
+
+import json
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache
@@ -12,7 +19,7 @@ import pyopencl as cl
 from pyopencl.characterize import has_src_build_cache
 
 from sketchterrain.compute import gl_interop
-from sketchterrain.compute.device import Device, choose_device
+from sketchterrain.compute.device import Device, choose_device, list_devices
 from sketchterrain.compute.gl_interop import GLHandles
 from sketchterrain.errors import (
     BuildError,
@@ -23,8 +30,9 @@ from sketchterrain.errors import (
     one_line,
 )
 from sketchterrain.io import resources
-from sketchterrain.io.disk_cache import cached_bytes
+from sketchterrain.io.disk_cache import cached_bytes, is_cached
 from sketchterrain.io.resources import Defines
+from sketchterrain.io.system import module_command
 
 _STATUS = cl.status_code
 # CL_OUT_OF_RESOURCES is not one of them: drivers report it for crashed kernels too.
@@ -73,9 +81,11 @@ _FAST_OPTIONS = ("-DFAST", "-cl-fast-relaxed-math")
 T = TypeVar("T")
 
 _BUILDING: Final[dict[Hashable, Lock]] = {}  # by program: threads need not all build the same
+_COMPILERS: Final[dict[str, subprocess.Popen[bytes]]] = {}  # child processes by what they compile
 # Drivers write to the log of successful builds, and no filter of warnings holds in all threads.
 cl.compiler_output = lambda _: None
 _MAX_BINARIES: Final = 64 << 20  # bytes; a program has up to 1 MiB
+_POLL: Final = 0.02  # s between looks for what a child compiles
 
 
 class ComputeContext:
@@ -113,14 +123,21 @@ class ComputeContext:
     def build_ahead(self, programs: Iterable[tuple[str, Defines]]) -> None:
         """Build files with macros on a thread, in this order; a launch waits for its own program at most.
 
+        Where we store programs, a child process compiles them: compilers of drivers keep 300 MB of memory.
         Failures are those of the launches. What is left when the program ends is not built.
         """
+        programs = list(programs)
+        child = self._start_compiler(programs)
 
         def build() -> None:
             for file, defines in programs:
+                _await_compiler(_storage_key(*self._key(file, defines)))
                 if main_thread().is_alive():
                     with suppress(SketchterrainError):
                         self._build(file, defines)
+            if child is not None:
+                child.kill()
+                child.wait()
 
         Thread(target=build, name="programs").start()
 
@@ -236,14 +253,34 @@ class ComputeContext:
             raise BuildError(f"kernels/{file} was built on {where} without its kernel {name}")
         return self._kernels[key]
 
-    def _build(self, file: str, defines: Defines) -> Any:
+    def _start_compiler(self, programs: Sequence[tuple[str, Defines]]) -> subprocess.Popen[bytes] | None:
+        """Start a process that compiles the programs that are to be stored and are not yet, if any."""
+        if has_src_build_cache(self.device.handle):
+            return None
+        keys = [_storage_key(*self._key(*program)) for program in programs]
+        missing = [number for number, key in enumerate(keys) if not is_cached("program", key)]
+        if not missing:
+            return None
+        index = (self.device.twin_of or self.device).index
+        request = [index, self.real, self.fast, [programs[number] for number in missing]]
+        command = module_command("sketchterrain.compute.context", json.dumps(request))
+        null = subprocess.DEVNULL
+        child = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)  # noqa: S603
+        _COMPILERS.update({keys[number]: child for number in missing})
+        return child
+
+    def _key(self, file: str, defines: Defines) -> tuple[Any, str, tuple[str, ...]]:
+        """Return context, source and options of a program."""
         options = (*_OPTIONS, f"-DREAL={self.real}", *(_FAST_OPTIONS if self.fast else ()))
+        return self._context, resources.source(file, defines), options
+
+    def _build(self, file: str, defines: Defines) -> Any:
+        key = self._key(file, defines)
         try:
-            key = self._context, resources.source(file, defines), options
             with _BUILDING.setdefault(key, Lock()):
                 return _built(*key)
         except cl.Error as error:
-            raise build_error(self.device, file, options, error) from error
+            raise build_error(self.device, file, key[2], error) from error
 
     def _call(self, action: str, work: Callable[..., T], *given: Any, **named: Any) -> T:
         """Make one OpenCL call; all but builds pass here, so that failures are raised alike."""
@@ -266,14 +303,14 @@ def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
     if has_src_build_cache(device):
         return _build(cl.Program(context, source), options)
     built: list[Any] = []
+    storage_key = _storage_key(context, source, options)
+    _await_compiler(storage_key)
 
     def compile_source() -> bytes:
         built.append(_build(cl.Program(context, source), options))
         return bytes(built[0].get_info(cl.program_info.BINARIES)[0])
 
-    platform, processor = device.platform, np.show_config(mode="dicts")["SIMD Extensions"]
-    driver = platform.name, platform.version, device.name, device.version, device.driver_version, processor
-    binary = cached_bytes("program", repr((driver, options, source)), compile_source, max_bytes=_MAX_BINARIES)
+    binary = cached_bytes("program", storage_key, compile_source, max_bytes=_MAX_BINARIES)
     if not built:
         try:
             return _build(cl.Program(context, [device], [bytes(binary)]), options)
@@ -282,6 +319,31 @@ def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
     return built[0]
 
 
+def _await_compiler(storage_key: str) -> None:
+    """Wait while a child process compiles a program, unless this process ends."""
+    child = _COMPILERS.get(storage_key)
+    while (
+        child and child.poll() is None and not is_cached("program", storage_key) and main_thread().is_alive()
+    ):
+        time.sleep(_POLL)
+
+
+def _storage_key(context: Any, source: str, options: tuple[str, ...]) -> str:
+    """Return what a stored binary depends on."""
+    (device,) = context.devices
+    platform, processor = device.platform, np.show_config(mode="dicts")["SIMD Extensions"]
+    driver = platform.name, platform.version, device.name, device.version, device.driver_version, processor
+    return repr((driver, options, source))
+
+
 def _build(program: Any, options: tuple[str, ...]) -> Any:
     # pyopencl's cache fails on a refused binary, and for a minute on the lock of a process that was killed.
     return program.build(options=list(options), cache_dir=False)
+
+
+if __name__ == "__main__":
+    index, real, fast, requested = json.loads(sys.argv[1])
+    own = ComputeContext(list_devices()[index], real=real, fast=fast)
+    for file, defines in requested:
+        with suppress(SketchterrainError):
+            own._build(file, tuple(map(tuple, defines)))

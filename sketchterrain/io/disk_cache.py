@@ -60,6 +60,11 @@ def cached_bytes(
     return computed
 
 
+def is_cached(family: str, recipe: str) -> bool:
+    """Return whether the cache folder has bytes of `cached_bytes`, which may be corrupt."""
+    return (cache_folder() / f"{_name(family, recipe)}{_SUFFIX}").is_file()
+
+
 def _name(family: str, recipe: str) -> str:
     return f"{family}-{hashlib.blake2b(recipe.encode(), digest_size=12).hexdigest()}"
 

@@ -303,6 +303,7 @@ def _with_look(painted: Array, relief: Array, look: Mapping[str, Any]) -> tuple[
 def _compute_levels(size: int, context: ComputeContext) -> memoryview:
     flat = np.empty(8 * len(BUILT_IN.layers) * ((4 * size * size - 1) // 3), np.uint8)
     levels = _levels_in(flat, size)
+    context.build_ahead([(SOURCE, DEFINES)])
     for index, layer in enumerate(BUILT_IN.layers.values()):
         painted = paint_layer(context, layer.name, size)
         for level, parts in zip(levels, mipmaps(painted, emboss(context, painted, layer)), strict=True):

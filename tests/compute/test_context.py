@@ -88,6 +88,24 @@ def test_a_program_of_a_driver_without_a_cache_is_compiled_once(monkeypatch, tmp
     context_module._built.cache_clear()
 
 
+def test_a_child_process_compiles_what_is_built_ahead_and_stored(monkeypatch, tmp_path):
+    cl = context_module.cl
+    monkeypatch.setattr(cl, "Program", Mock(side_effect=cl.Program))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(context_module, "has_src_build_cache", lambda _: None)
+    context_module._built.cache_clear()
+    if ComputeContext().device.platform.startswith("Portable"):
+        pytest.skip("the child process leaves storing to the driver")
+    defines = (("UNUSED", 1),)
+    ComputeContext().build_ahead([("sharing_probe.cl", defines)])
+    for thread in threads():
+        if thread.name == "programs":
+            thread.join(60)
+    assert ComputeContext()._build("sharing_probe.cl", defines).all_kernels()
+    assert [len(call.args) for call in cl.Program.call_args_list] == [3]  # of a binary
+    context_module._built.cache_clear()
+
+
 def test_programs_are_built_ahead_and_no_launch_waits_for_another_one(monkeypatch):
     slow, built, go_on = ADD + "\n// slow", [], Event()
     sources = {"add.cl": ADD, "slow.cl": slow, "broken.cl": "nonsense", "late.cl": ADD + "\n// late"}

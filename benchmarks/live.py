@@ -82,8 +82,8 @@ class EngineProbe:
         from sketchterrain.ui.models.document import Document
 
         self._application = _application()
-        self._document = Document(sketch)
-        self._link = EngineLink(self._document)
+        self.document = Document(sketch)
+        self._link = EngineLink(self.document)
         self.frames: list[tuple[float, msg.FrameFacts]] = []  # s of the monotonic clock when it was shown
         self._errors: list[msg.ErrorReport] = []
         self._written: list[msg.PictureWritten] = []
@@ -107,7 +107,7 @@ class EngineProbe:
 
     def settle(self) -> float:
         """Wait for the refined picture; return the seconds since the start or the last turn."""
-        self._wait(lambda: self.frames[-1][1].converged)
+        self.wait(lambda: self.frames[-1][1].converged)
         return self.frames[-1][0] - self._requested
 
     def look(self, pose: Camera) -> float:
@@ -126,7 +126,7 @@ class EngineProbe:
 
     def stroke(self, layer: str, label: int, path: Sequence[tuple[float, float]], radius: float) -> None:
         """Paint a stroke (px of the sketch) at a mouse's rate."""
-        draft = self._document.begin_draft(layer)
+        draft = self.document.begin_draft(layer)
         stroke = Stroke(draft.image, label)
         for x, y in path:
             began = time.monotonic()
@@ -144,20 +144,30 @@ class EngineProbe:
         assert picture is not None  # noqa: S101 # a frame was shown
         size, pose = (facts.width, facts.height), facts.pose
         live = live_shape.saved_shape(saved, size)
-        terrain = build(self._document.sketch)
+        terrain = build(self.document.sketch)
         still = live_shape.still_shape(terrain, Camera(pose.eye, pose.target, fov=pose.fov), size)
         self.settle()
         with TemporaryDirectory(prefix="sketchterrain-still-") as folder:
             shown, drawn = (str(Path(folder, f"{name}.png")) for name in ("shown", "drawn"))
             picture.save(shown)
             self._link.send(msg.RenderPicture(drawn, *size))
-            self._wait(lambda: any(each.path == drawn for each in self._written))
+            self.wait(lambda: any(each.path == drawn for each in self._written))
             pictures = [np.asarray(Image.open(path).convert("RGB")) for path in (shown, drawn)]
         return {
             "columns": 100.0 * live_shape.columns_alike(live, still),
             "water": live_shape.water_overlap(live, still),
             "difference": float(block_differences(*pictures).mean()),
         }
+
+    def wait(self, until: Callable[[], bool]) -> None:
+        """Run the event loop until something holds; DeviceError if it never does."""
+        end = time.monotonic() + _TIMEOUT
+        self._pause(time.monotonic() + 0.02)  # so that what was sent last is on its way
+        while not until():
+            if self._errors or time.monotonic() > end:
+                lines = "; ".join(each.line for each in self._errors) or "no answer"
+                raise DeviceError(f"the view does not follow: {lines}")
+            self._pause(time.monotonic() + 0.002)
 
     def end(self) -> None:
         """End the processes."""
@@ -168,7 +178,7 @@ class EngineProbe:
         before = self.frames[-1][1].pose if self.frames else None
         self._requested = time.monotonic()
         request()
-        self._wait(lambda: bool(self.frames) and self.frames[-1][1].pose != before)
+        self.wait(lambda: bool(self.frames) and self.frames[-1][1].pose != before)
         return self.frames[-1][0] - self._requested
 
     def _pause(self, until: float) -> None:
@@ -176,15 +186,6 @@ class EngineProbe:
             self._application.processEvents()
             time.sleep(min(left, 0.001))
         self._application.processEvents()
-
-    def _wait(self, until: Callable[[], bool]) -> None:
-        end = time.monotonic() + _TIMEOUT
-        self._pause(time.monotonic() + 0.02)  # so that what was sent last is on its way
-        while not until():
-            if self._errors or time.monotonic() > end:
-                lines = "; ".join(each.line for each in self._errors) or "no answer"
-                raise DeviceError(f"the view does not follow: {lines}")
-            self._pause(time.monotonic() + 0.002)
 
 
 class LatencyProbe(EngineProbe):
@@ -207,18 +208,18 @@ class LatencyProbe(EngineProbe):
         self._folder = TemporaryDirectory(prefix="sketchterrain-latency-")
         folder = Path(self._folder.name)
         preferences = Preferences(folder / "desktop.ini")
-        self._window = MainWindow(self._document, Workspace(), self._link, preferences, folder)
+        self._window = MainWindow(self.document, Workspace(), self._link, preferences, folder)
         self._window.resize(1600, 900)
         self._window.show()
         self._link.start()
-        self._wait(lambda: bool(self.frames))
+        self.wait(lambda: bool(self.frames))
         self._garbage = GarbageCollection()
 
     def end(self) -> None:
         """Close the window and end the processes."""
         self._garbage.stop()
         super().end()
-        self._document.mark_saved(self._document.state, Path(self._folder.name))  # or it would ask
+        self.document.mark_saved(self.document.state, Path(self._folder.name))  # or it would ask
         self._window.close()
         self._window.deleteLater()
         self._application.processEvents()
@@ -232,7 +233,7 @@ class LatencyProbe(EngineProbe):
         self.stroke(layer, label, path, radius)
         self._heart.stop()
         stalls = np.diff(self._beats) - _HEARTBEAT * 1e-3
-        self._wait(self._is_there)
+        self.wait(self._is_there)
         drafts = [
             next(each for each in self._followed if each.version >= version).displayed - created
             for version, created in sorted(self._created.items())
@@ -240,23 +241,23 @@ class LatencyProbe(EngineProbe):
         last = max(self._created)
         at = next(each for each in self._followed if each.version >= last and not each.draft)
         times = self._created[last], at.started, at.placed, at.received, at.displayed
-        self._document.undo()
-        self._wait(self._is_there)
+        self.document.undo()
+        self.wait(self._is_there)
         return Painted(times, tuple(drafts), tuple(stalls.tolist()))
 
     def vertex(self, layer: str, number: int) -> Handle:
         """Return the middle vertex of a vector, the number counted round."""
-        vectors = self._document.sketch.vectors[layer]
+        vectors = self.document.sketch.vectors[layer]
         name = int(vectors.ids[number % len(vectors)])
         line = vectors.feature(name).rings[0]
-        own = SelectedFeature.find(self._document, Selection(layer, name))
+        own = SelectedFeature.find(self.document, Selection(layer, name))
         assert own is not None  # noqa: S101 # it was there
         return own.vertex_handles[len(line) // 2]
 
     def draped_vertex(self, feature: int) -> Handle:
         """Return the first vertex of a feature of the first draped layer."""
-        self._wait(lambda: self._document.drapes.current is not None)
-        own = SelectedFeature.find(self._document, Selection("drape", feature, layer=0))
+        self.wait(lambda: self.document.drapes.current is not None)
+        own = SelectedFeature.find(self.document, Selection("drape", feature, layer=0))
         assert own is not None  # noqa: S101 # as above
         return own.vertex_handles[0]
 
@@ -265,7 +266,7 @@ class LatencyProbe(EngineProbe):
         self._created.clear()
         self._followed.clear()
         before = len(self.frames)
-        drag = FeatureDrag(self._document, self._link.placed, handle)
+        drag = FeatureDrag(self.document, self._link.placed, handle)
         for step in range(_DRAG_STEPS):
             began = time.monotonic()
             drag.to(handle.x + 0.3 * step, handle.y)
@@ -276,12 +277,12 @@ class LatencyProbe(EngineProbe):
         if handle.selection.is_draped:
             final = self.turn()  # messages are answered in order: its picture shows the edit
         else:
-            self._wait(lambda: bool(self._created) and self._is_there())
+            self.wait(lambda: bool(self._created) and self._is_there())
             last = next(each for each in self._followed if each.version >= max(self._created))
             count = len({each.version for each in self._followed if each.displayed <= released})
             placing, final = last.placed - last.started, max(last.displayed - released, 0.0)
-        self._document.undo()
-        self._wait(self._is_there)
+        self.document.undo()
+        self.wait(self._is_there)
         return count / (_DRAG_STEPS * _DRAG_RATE), 1e3 * placing, 1e3 * final
 
     def _is_there(self) -> bool:

@@ -100,6 +100,7 @@ class TerrainStream:
             bounds=bounds,
         )
         self._eye: npt.NDArray[np.float64] | None = None
+        self._camera: Camera | None = None  # of the last frame
         self._placed_eye: tuple[float, float, float] | None = None
         self._since_jump = np.inf
         self._changed = False  # the terrain, since the last frame
@@ -117,7 +118,7 @@ class TerrainStream:
 
         The first frame starts no batch after 2 s, that of a jump none after 0.5 s. The first of another
         terrain generates what is in sight for 0.1 s. Afterwards, until the picture is final, tiles may take
-        half of `elapsed` (s) for at most 2 s.
+        half of `elapsed` (s) for at most 2 s; at rest, 0.1 s while one in sight is missing.
         """
         eye = np.asarray(camera.eye)
         moved = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
@@ -130,10 +131,13 @@ class TerrainStream:
         self._eye = eye
         self._since_jump = 0.0 if jumped else self._since_jump + elapsed
         self.view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
-        catches_up = self._since_jump < CATCH_UP_SECONDS
+        lacks_shape, self._camera = camera == self._camera and not self.tiles.complete, camera
+        catches_up = lacks_shape or self._since_jump < CATCH_UP_SECONDS
         if jumped:
             least = FIRST_BUDGET if self.draws is None else JUMP_BUDGET if far else CHANGE_BUDGET
             budget = max(least, budget)
+        elif lacks_shape:
+            budget = max(CHANGE_BUDGET, budget)
         elif catches_up:
             budget = max(CATCH_UP_SHARE * elapsed, budget)
         count, seconds = self._generate(view, budget, jumped=far, in_sight=jumped and not far)

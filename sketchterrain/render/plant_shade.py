@@ -1,6 +1,6 @@
 """Shadow maps of plants and of what is built, drawn in slices and reused until the eye moves on."""
 
-from functools import partial
+from functools import lru_cache, partial
 from typing import Final, NamedTuple, cast
 
 import moderngl
@@ -240,6 +240,7 @@ class PlantShadows:
         return shadow_matrix(placement.sun, centre, placement.half, HALF_DEPTH)
 
 
+@lru_cache(8)
 def sun_axes(sun: Sun) -> Float64Array:
     """Return the axes of a shadow map: unit rows right, up and towards the sun."""
     back = sun.direction

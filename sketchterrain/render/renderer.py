@@ -76,6 +76,7 @@ class Renderer:
         self._sun, self._weather = sun, weather or Weather.from_sketch(terrain.sketch)
         self._timer = timer
         self._last_camera: Camera | None = None
+        self._ground: tuple[TerrainSource, tuple[float, float], float] = terrain, (np.inf, np.inf), 0.0
         self._rest_seconds, self._turn = 0.0, 0
         self._scale = max(0.5, quality.moving_scale)  # of pictures in motion
         self._was_whole = False  # the last picture, at full size
@@ -286,7 +287,9 @@ class Renderer:
     def _clipped(self, camera: Camera) -> ClippedView:
         """Return the camera with clipping planes for its height."""
         x, y, z = camera.eye
-        above = max(z - float(surface_heights(self.terrain, x, y)), 0.0)
+        if self._ground[0] is not self.terrain or self._ground[1] != (x, y):
+            self._ground = self.terrain, (x, y), float(surface_heights(self.terrain, x, y))
+        above = max(z - self._ground[2], 0.0)
         distance = draw_distance(above, extent=self.terrain.extent, extents=self._quality.draw_distance)
         near, far = clip_planes(min(above, self.scenery.built.clearance(camera.eye)), distance)
         return ClippedView(replace(camera, near=near, far=far), distance, above)

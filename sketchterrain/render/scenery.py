@@ -254,6 +254,8 @@ class Scenery:
             self._targets = last_used if once else {**last_used, size: targets}
         self._drawn = targets
         self._set_frame(camera, targets, draw_distance)
+        exposure = self._sky.exposure(camera.heading)
+        painted = self.appearance.uniforms(camera.eye) | {"appearance_exposure": exposure}
         targets.gbuffer.use()
         targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -264,8 +266,6 @@ class Scenery:
             camera, size[0] / size[1], base=self.lit.haze_base, clock=clock, moving=moving
         )
         lift = LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
-        exposure = self._sky.exposure(camera.heading)
-        painted = self.appearance.uniforms(camera.eye) | {"appearance_exposure": exposure}
         units = (
             self._bind(targets) | {"clock": clock, "lift": lift} | self.surface.uniforms(camera.eye) | clouds
         )

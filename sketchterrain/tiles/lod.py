@@ -61,7 +61,7 @@ def inside_frustum(planes: Float64Array, low: Float64Array, high: Float64Array) 
 
 _NEAREST: Final = 0.5
 """Least distance, m."""
-_LARGEST: Final = 3.0  # px that a silhouette may be off, however much air is before it ...
+_LARGEST: Final = 2.0  # px of silhouettes, estimated and at most 3 by measurement, through any air ...
 FAINT: Final = 0.05  # ... unless less of its contrast than this is left: it is hardly seen
 _FADE: Final = (0.75, 0.98)  # of the draw distance, between which it fades: `through_air` of frame.glsl
 

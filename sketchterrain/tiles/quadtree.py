@@ -13,7 +13,7 @@ end of the quads' anti-diagonal, that quad is cut the other way, to avoid a tria
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -94,6 +94,7 @@ def neighbours_of(codes: Int64Array) -> Int64Array:
     return np.asarray(codes[:, None] + steps)
 
 
+@lru_cache(1 << 15)  # frame after frame asks for the same ones
 def around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
     """Return those of a tile's eight neighbours inside a range of columns and rows."""
     col, row = ((code >> _BITS) & _MASK) - _MIDDLE, (code & _MASK) - _MIDDLE
@@ -103,6 +104,7 @@ def around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
     ]
 
 
+@lru_cache(1 << 15)
 def parents_around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
     """Return the parents of a tile and of its neighbours inside a range of columns and rows.
 

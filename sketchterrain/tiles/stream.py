@@ -191,8 +191,9 @@ class TileStream:
         A still needs only what it shows: see `jump`.
         """
         self._still = still
-        # In flight every second frame reuses the target tree, and looks ahead instead.
-        self._reuses_tree = any(view.velocity) and not self._reuses_tree
+        # In motion every second frame reuses the target tree; in flight it looks ahead instead.
+        turns = self._last_target is not None and self._last_target[0][0] == view.eye
+        self._reuses_tree = (any(view.velocity) or turns) and not (self._reuses_tree or still)
         target = self._target_tree(view)
         stale = self.pool.stale_tiles()
         seen = target.urgency > UNSEEN_URGENCY
@@ -200,7 +201,7 @@ class TileStream:
         self._protect(view, target)
         codes = target.missing[seen] if still or not self._complete else target.missing
         self._missing = bool((codes if still else target.missing).size or stale.size)
-        if not codes.size and self._reuses_tree:
+        if not codes.size and self._reuses_tree and any(view.velocity):
             codes = self._selector.target_tree(view.extrapolated(self._lookahead[0]), self.pool).missing
             self._lookahead.rotate()
         capacity = self.pool.available()
@@ -290,11 +291,7 @@ class TileStream:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
         settings = (self._changes, self._error_factor, self.metric, self._still)
         last, count = self._last_target, self._batches
-        if (
-            last is not None
-            and last[1] == settings
-            and (last[0] == seen or (self._reuses_tree and not count))
-        ):
+        if last is not None and last[1] == settings and (last[0] == seen or self._reuses_tree):
             if not count:
                 return last[2]
             if count < _MOST_BATCHES:

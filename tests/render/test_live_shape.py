@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.live_shape import PictureShape, columns_alike, still_shape, water_overlap
+from sketchterrain.benchmarks.live import LatencyProbe
+from sketchterrain.benchmarks.live_shape import (
+    PictureShape,
+    columns_alike,
+    measured_engine,
+    saved_shape,
+    still_shape,
+    water_overlap,
+)
 from sketchterrain.document.sketch import Sketch
+from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build, rebuild
 from sketchterrain.render import sky
 from sketchterrain.render.camera import Camera
@@ -30,6 +39,19 @@ def assert_alike(renderer, terrain, camera):
     shape, still = PictureShape(*renderer.shape(camera, SIZE)), still_shape(terrain, camera, SIZE)
     assert columns_alike(shape, still) >= 0.99
     assert water_overlap(shape, still) >= 0.8
+
+
+def wait_until_alike(probe, saved):
+    """Wait for a frame of the window's camera that has the shape of its still."""
+    facts, terrain = probe.frames[-1][1], build(probe.document.sketch, device=terrains.context())
+    size, pose = (facts.width, facts.height), facts.pose
+    still = still_shape(terrain, Camera(pose.eye, pose.target, fov=pose.fov), size)
+
+    def is_alike():
+        shape = saved_shape(saved, size)
+        return columns_alike(shape, still) >= 0.99 and water_overlap(shape, still) >= 0.8
+
+    probe.wait(is_alike)
 
 
 @pytest.mark.parametrize("level", [0.0, ON_CPU])
@@ -74,3 +96,16 @@ def test_the_first_frame_of_a_changed_terrain_shows_its_shape():
         renderer.set_terrain(terrain, areas)
         renderer.frame(camera, framebuffer, elapsed=0.02, budget=60.0)
         assert_alike(renderer, terrain, camera)
+
+
+def test_the_window_shows_the_shape_of_the_still_at_rest_and_after_a_stroke(tmp_path):
+    saved, sketch = tmp_path / "shape", load_sketch("mountain_pass")
+    with measured_engine(saved):
+        probe = LatencyProbe(sketch)
+    try:
+        probe.look(overview((0.0, 0.0, *sketch.size), 0.0, aspect=16 / 9))
+        wait_until_alike(probe, saved)
+        probe.stroke("mountain", 1, [(300.0 + x, 200.0) for x in range(0, 120, 4)], 30.0)
+        wait_until_alike(probe, saved)
+    finally:
+        probe.end()

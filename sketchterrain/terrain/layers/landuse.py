@@ -43,6 +43,7 @@ _MARGIN = 2  # lattice units: rounding of positions
 _FARTHEST = 1 << 30  # lattice units from a block to the ends of its edges
 _MOST_CELL = 0.25  # of the extent: no land use at wider cells
 _AT_ONCE = 1 << 20  # edges
+_MEASURED = 1 << 13  # areas that are measured at once
 _MANY = 256  # areas whose boxes are one, if so many differ
 _CROWDED, _PARTS = 16, 4  # areas of a block from which on it is cut into so many parts along a side
 
@@ -56,8 +57,9 @@ class AreaIndex(NamedTuple):
     @classmethod
     def of(cls, areas: LandUse, world: WorldSettings) -> AreaIndex:
         """Return the index of areas."""
-        boxes, width = _measured(areas, np.arange(len(areas)), world.unit)
-        return cls(BoxIndex(boxes), width)
+        parts = np.array_split(np.arange(len(areas)), len(areas) // _MEASURED + 1)
+        boxes, width = zip(*(_measured(areas, part, world.unit) for part in parts), strict=True)
+        return cls(BoxIndex(np.concatenate(boxes)), np.concatenate(width))
 
     def updated(self, areas: LandUse, change: LayerChange, world: WorldSettings) -> AreaIndex:
         """Return the index of changed areas."""

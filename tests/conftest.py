@@ -24,7 +24,6 @@ ONE_WORKER = {
     "world",
     "tiles",
     "benchmarks",
-    "landforms",
 }
 COUNTS = pytest.StashKey[Counter[tuple[str, str]]]()
 

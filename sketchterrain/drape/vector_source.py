@@ -132,7 +132,7 @@ class VectorSource:
         of_file: npt.NDArray[np.int16] = memory.get_or_compute(
             (self.table.levels[0], by, tuple(numbers.items())), stored
         )
-        found = of_file[np.minimum(features, self.table.count)]
+        found: npt.NDArray[np.int16] = of_file[np.minimum(features, self.table.count)]
         for number in set(features[np.isin(features, self._changed)].tolist()):
             edit = self.table.edits[number]
             value = class_value(edit.properties.get(by) if edit else None)

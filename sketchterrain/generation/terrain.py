@@ -65,7 +65,10 @@ class Terrain:
         self.recipe = recipe
         self.context = context
         self._evaluator = Evaluator(recipe, context) if evaluator is None else evaluator
-        self._foliage = FoliageSampler(self._evaluator)
+
+    @cached_property
+    def _foliage(self) -> FoliageSampler:
+        return FoliageSampler(self._evaluator)
 
     def updated(self, sketch: Sketch, recipe: TerrainRecipe) -> tuple[Terrain, list[Bounds]]:
         """Return the terrain of a changed recipe on the same device, and the areas where it may differ.
@@ -82,7 +85,7 @@ class Terrain:
     def release_buffers(self) -> None:
         """Free the device's buffers of surfaces and plants, which the next ones need again."""
         self._evaluator.release_buffers()
-        self._foliage = FoliageSampler(self._evaluator)
+        self.__dict__.pop("_foliage", None)
 
     @property
     def evaluator(self) -> Evaluator:

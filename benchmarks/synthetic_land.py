@@ -8,7 +8,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import AREA, LINE, VectorLayer, starts
+from sketchterrain.features.table import AREA, LINE, FeatureTable, starts
 
 EXTENT: Final = 100_000.0
 """m; with all of the land as Bruneton & Neyret's data: 600,000 curves, 190,000 areas."""
@@ -70,7 +70,7 @@ class _Land:
         first = (SIDE - side) // 4 * 2
         self._cells = np.arange(first, first + side)
 
-    def areas(self) -> VectorLayer:
+    def areas(self) -> FeatureTable:
         """Return the layer of land use."""
         row, column = (each.ravel() for each in np.meshgrid(self._cells, self._cells, indexing="ij"))
         merged = self._merged[row, column // 2 * 2] < _MERGED
@@ -97,7 +97,7 @@ class _Land:
         by_id, ring_by_id, vertex_by_id = (
             np.argsort(each, kind="stable") for each in (ids, of_ring, np.repeat(of_ring, sizes))
         )
-        return VectorLayer(
+        return FeatureTable(
             "landuse",
             np.concatenate([group[0].reshape(-1, 2) for group in groups])[vertex_by_id],
             starts(sizes[ring_by_id]),
@@ -108,7 +108,7 @@ class _Land:
             {"use": tuple(np.array(_USES)[uses[by_id]].tolist())},
         )
 
-    def roads(self) -> VectorLayer:
+    def roads(self) -> FeatureTable:
         """Return roads along every so many lines and columns: lines that share vertices where they meet."""
         low, high = int(self._cells[0]), int(self._cells[-1]) + 1
         rows = [line for line in range(_FIRST_ROAD, SIDE + 1, _ROADS) if low <= line <= high]
@@ -120,7 +120,7 @@ class _Land:
                 if south < north:
                     lines.append(self._upward(column, south, north))
         count = len(lines)
-        return VectorLayer(
+        return FeatureTable(
             "road",
             np.concatenate(lines) if lines else np.zeros((0, 2)),
             starts([len(line) for line in lines]),

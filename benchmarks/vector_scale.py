@@ -24,7 +24,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.edits import move_node
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.generation.building import build, make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io.system import peak_memory
@@ -168,7 +168,7 @@ def _edit_row(side: int, sketch: Sketch, roads: str, context: TimedContext, coun
     }
 
 
-def _moved(layer: VectorLayer, rng: np.random.Generator) -> tuple[VectorLayer, float]:
+def _moved(layer: FeatureTable, rng: np.random.Generator) -> tuple[FeatureTable, float]:
     """Return a layer after a random corner of the middle was moved, and when that began."""
     low = 0.5 * EXTENT - 0.5 * _VIEW
     near = layer.pieces_near(low, low, low + _VIEW, low + _VIEW)

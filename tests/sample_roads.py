@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.roads.build import road_network
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, LineObject, Pad, Road, RoadNetwork, Works
 from sketchterrain.schema.layers import id_of_vector
@@ -138,7 +138,7 @@ def sketch_with(*features, extent=1024.0, **given):
         number = own.pop("id", 0)
         feature = Feature(kind, (np.asarray(points, np.float64),), 1, own, number)
         added.setdefault(layer, []).append(feature)
-    vectors = {name: VectorLayer(name).edited(add=each) for name, each in added.items()}
+    vectors = {name: FeatureTable(name).edited(add=each) for name, each in added.items()}
     return Sketch(extent=extent, layers={"hill": np.zeros((16, 16), np.uint8)}, vectors=vectors, **given)
 
 

@@ -20,7 +20,7 @@ from sketchterrain.document.label_layers import MAX_LABELS, freeze_image, labels
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import TABLES, Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     TYPES,
@@ -360,7 +360,7 @@ def _without_vectors(sketch: Sketch, layer: str, label: int | None = None) -> Sk
     return with_vectors(sketch, vectors.edited(remove=gone.tolist()))
 
 
-def with_vectors(sketch: Sketch, *layers: VectorLayer) -> Sketch:
+def with_vectors(sketch: Sketch, *layers: FeatureTable) -> Sketch:
     """Return the sketch with other vector layers in place of those of their names."""
     return sketch.replace(vectors={**sketch.vectors, **{layer.layer: layer for layer in layers}})
 

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final
 
 from sketchterrain.errors import InputError, format_value
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.materials import BUILT_IN, MATERIALS, Material, MaterialTable
 from sketchterrain.schema.parameters import LOOK, Parameter, Properties, check_values, parameter_table
@@ -95,7 +95,7 @@ def with_materials(parameters: Mapping[str, Parameter], table: MaterialTable) ->
     )
 
 
-def check_materials_of_vectors(vectors: Mapping[str, VectorLayer], table: MaterialTable) -> None:
+def check_materials_of_vectors(vectors: Mapping[str, FeatureTable], table: MaterialTable) -> None:
     """Raise InputError if a feature names a material that is not in a table."""
     for layer in vectors.values():
         for name, declared in LAYERS[layer.layer].parameters.items():

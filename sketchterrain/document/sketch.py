@@ -33,7 +33,7 @@ from sketchterrain.document.own_materials import (
 )
 from sketchterrain.document.rasters import RasterSource, check_rasters
 from sketchterrain.errors import InputError, did_you_mean, format_value
-from sketchterrain.features.table import VectorLayer, check_vectors
+from sketchterrain.features.table import FeatureTable, check_vectors
 from sketchterrain.schema.layers import DENSITY, LANE_WIDTHS, LAYERS, PAINTED_LAYERS, Layer
 from sketchterrain.schema.materials import MaterialTable
 from sketchterrain.schema.parameters import (
@@ -135,7 +135,7 @@ class Sketch:
     frame: Mapping[str, Any] = field(default_factory=dict)
     base: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
-    vectors: Mapping[str, VectorLayer] = field(default_factory=dict)
+    vectors: Mapping[str, FeatureTable] = field(default_factory=dict)
     rasters: tuple[RasterSource, ...] = ()
     drapes: tuple[DrapedLayer, ...] = ()
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
@@ -223,7 +223,7 @@ class Sketch:
         declared = self.labels.get((layer, _check_label(layer, label)), {})
         return MappingProxyType(defaults(table) | dict(declared))
 
-    def vector_values(self, layer: str, name: str, vectors: VectorLayer | None = None) -> Float64Array:
+    def vector_values(self, layer: str, name: str, vectors: FeatureTable | None = None) -> Float64Array:
         """Return a number of each vector of a layer, (n,), by its name: its own, else its label's.
 
         `vectors`: others of that layer than all of the sketch's.
@@ -235,7 +235,7 @@ class Sketch:
         values = of_labels[vectors.labels]
         return values if own is None else np.where(np.isnan(own), values, own)
 
-    def vector_texts(self, layer: str, name: str, vectors: VectorLayer | None = None) -> list[str]:
+    def vector_texts(self, layer: str, name: str, vectors: FeatureTable | None = None) -> list[str]:
         """Return a text of each vector of a layer, by its name, as `vector_values` does."""
         vectors = self.vectors[layer] if vectors is None else vectors
         labels, own = np.flatnonzero(vectors.label_counts).tolist(), vectors.columns.get(name)

@@ -24,7 +24,7 @@ from sketchterrain.features.files import find_driver
 from sketchterrain.features.items import FILL, Items
 from sketchterrain.features.levels import Level, level_of
 from sketchterrain.features.picking import PICK
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.host.library import host_function
 from sketchterrain.schema.parameters import Properties
 
@@ -410,7 +410,7 @@ class Drapes:
         source = self.sources[layer]
         return source.table.touching(box) if isinstance(source, VectorSource) else np.zeros(0, np.int64)
 
-    def table(self, layer: int) -> VectorLayer:
+    def table(self, layer: int) -> FeatureTable:
         """Return the features of a layer by its number; raise InputError if it is no vector layer."""
         source = self.sources[layer] if 0 <= layer < len(self.sources) else None
         if not isinstance(source, VectorSource):

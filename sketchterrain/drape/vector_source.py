@@ -26,7 +26,7 @@ from sketchterrain.features.levels import (
     split_shapes,
     touch,
 )
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 
 _ROUNDED = math.sqrt(0.5)  # of a tolerance: the farthest that a vertex moves
 _BATCH = 1 << 16  # values that are read at once
@@ -39,7 +39,7 @@ class VectorSource:
         self,
         facts: Mapping[str, Any],
         stamp: tuple[int, int],
-        table: VectorLayer,
+        table: FeatureTable,
         parts: dict[tuple[int, float], Parts],
     ) -> None:
         self.facts, self._stamp, self.table = facts, stamp, table

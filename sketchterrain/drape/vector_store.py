@@ -38,7 +38,7 @@ from sketchterrain.features.levels import (
     split_shapes,
 )
 from sketchterrain.features.osm_relations import incomplete_areas
-from sketchterrain.features.table import NO_INTEGER, Rings, Shapes, Texts, VectorLayer
+from sketchterrain.features.table import NO_INTEGER, FeatureTable, Rings, Shapes, Texts
 from sketchterrain.io.crs import parse_crs
 from sketchterrain.io.disk_cache import stored_folder
 from sketchterrain.io.files import wrap_read_errors
@@ -173,7 +173,7 @@ class _Arrays:
 
 def open_table(
     layer: DrapedLayer, frame: Mapping[str, Any], extent: float
-) -> tuple[dict[str, Any], VectorLayer]:
+) -> tuple[dict[str, Any], FeatureTable]:
     """Return facts about a layer's file, and its table, which is stored once; raise InputError."""
     with wrap_read_errors(Path(layer.path)):
         digest = content_hash(layer.file)
@@ -203,7 +203,7 @@ def open_table(
     }
     arrays = {name: stored.array(name, dtype, 2 * (name == "vertices")) for name, dtype in _COLUMNS.items()}
     mixed = {int(name): bytes.fromhex(text) for name, text in facts["mixed"].items()}
-    return facts, VectorLayer.mapped(arrays, columns, levels=levels, count=facts["features"], mixed=mixed)
+    return facts, FeatureTable.mapped(arrays, columns, levels=levels, count=facts["features"], mixed=mixed)
 
 
 def placed(wkb: Shapes, projection: FileProjection) -> Shapes:

@@ -234,7 +234,7 @@ def lake_layer(lakes: Sequence[Lake], origin: Origin) -> ExportLayer:
     )
 
 
-def sketch_layer(layer: vectors.VectorLayer, origin: Origin) -> ExportLayer:
+def sketch_layer(layer: vectors.FeatureTable, origin: Origin) -> ExportLayer:
     """Return the vectors of a sketch's layer as they were drawn."""
     fields: dict[str, npt.NDArray[Any]] = {"id": layer.ids, "label": layer.labels.astype(np.int32)}
     taken = {"fid", "geom", *fields}  # a GeoPackage ignores case

@@ -18,7 +18,7 @@ from sketchterrain.features.table import (
     LINE,
     POINT,
     Feature,
-    VectorLayer,
+    FeatureTable,
     on_grid,
     one_number,
     property_columns,
@@ -33,7 +33,7 @@ def network_layers(name: str) -> tuple[str, ...]:
     return (name, *(each for each in WAY_LAYERS if each != name)) if name in WAY_LAYERS else (name,)
 
 
-def move_nodes(layer: VectorLayer, starts: Float64Array, ends: Float64Array) -> VectorLayer:
+def move_nodes(layer: FeatureTable, starts: Float64Array, ends: Float64Array) -> FeatureTable:
     """Move nodes from positions (n, 2) to others (m); at those of other nodes they are one."""
     keys, order = np.unique(one_number(on_grid(starts)), return_index=True)
     ends, moved = on_grid(ends)[order], dict[int, Feature | None]()
@@ -45,12 +45,12 @@ def move_nodes(layer: VectorLayer, starts: Float64Array, ends: Float64Array) -> 
     return layer.edited(list(moved), [each for each in moved.values() if each]) if moved else layer
 
 
-def move_node(layer: VectorLayer, start: tuple[float, float], end: tuple[float, float]) -> VectorLayer:
+def move_node(layer: FeatureTable, start: tuple[float, float], end: tuple[float, float]) -> FeatureTable:
     """Move a node from a position to another (m)."""
     return move_nodes(layer, np.array([start]), np.array([end]))
 
 
-def shared_nodes(layers: Sequence[VectorLayer], places: Float64Array) -> BoolArray:
+def shared_nodes(layers: Sequence[FeatureTable], places: Float64Array) -> BoolArray:
     """Return which vertices at positions (n, 2), m, are nodes with others of some layers."""
     low, high = places.min(axis=0), places.max(axis=0)
     pieces = [piece for layer in layers for piece in layer.pieces_near(*low, *high)]
@@ -84,15 +84,15 @@ def rebuilt(feature: Feature, vertices: Float64Array, ring: Int64Array) -> Featu
     return replace(feature, rings=tuple(rings), parts=tuple(parts)) if rings else None
 
 
-def with_places(table: VectorLayer, name: int, places: Float64Array) -> VectorLayer:
+def with_places(table: FeatureTable, name: int, places: Float64Array) -> FeatureTable:
     """Move the vertices of a feature, but not their nodes, to positions (n, 2), m."""
     feature = table.feature(name)
     return _with_vertices(table, feature, places, ring_numbers(feature))
 
 
 def insert_vertices(
-    table: VectorLayer, name: int, after: npt.ArrayLike, places: npt.ArrayLike
-) -> VectorLayer:
+    table: FeatureTable, name: int, after: npt.ArrayLike, places: npt.ArrayLike
+) -> FeatureTable:
     """Insert vertices at positions (n, 2), m, in a feature, each after one by its number; ascending."""
     feature, at = table.feature(name), np.asarray(after)
     if feature.kind == POINT:
@@ -102,7 +102,7 @@ def insert_vertices(
     return _with_vertices(table, feature, vertices, np.insert(ring, at + 1, ring[at]))
 
 
-def delete_vertex(table: VectorLayer, name: int, index: int) -> VectorLayer:
+def delete_vertex(table: FeatureTable, name: int, index: int) -> FeatureTable:
     """Delete a vertex of a feature; what then has too few is deleted: a line, an area or a hole."""
     feature = table.feature(name)
     vertices, ring = np.concatenate(feature.rings), ring_numbers(feature)
@@ -112,13 +112,13 @@ def delete_vertex(table: VectorLayer, name: int, index: int) -> VectorLayer:
 
 
 def _with_vertices(
-    table: VectorLayer, feature: Feature, vertices: Float64Array, ring: Int64Array
-) -> VectorLayer:
+    table: FeatureTable, feature: Feature, vertices: Float64Array, ring: Int64Array
+) -> FeatureTable:
     changed = rebuilt(feature, vertices, ring)
     return table.edited([feature.id], [changed] if changed else [])
 
 
-def split_line(table: VectorLayer, name: int, index: int) -> VectorLayer:
+def split_line(table: FeatureTable, name: int, index: int) -> FeatureTable:
     """Split a line at one of its inner vertices into two that share it; the second one has the last id."""
     line = table.feature(name)
     if not _is_line(line) or not 0 < index < len(line.rings[0]) - 1:
@@ -131,7 +131,7 @@ def _is_line(feature: Feature) -> bool:
     return feature.kind == LINE and len(feature.rings) == 1
 
 
-def join_lines(table: VectorLayer, name: int, index: int | None = None) -> VectorLayer:
+def join_lines(table: FeatureTable, name: int, index: int | None = None) -> FeatureTable:
     """Join a line with the one that shares an end with it, that of vertex `index` if it is an end.
 
     Of several it is the one that continues it most nearly straight. The line keeps id, direction and
@@ -163,14 +163,14 @@ def _turn(before: Float64Array, after: Float64Array) -> float:
 
 
 def change_layer(
-    source: VectorLayer, target: VectorLayer, name: int, label: int
-) -> tuple[VectorLayer, VectorLayer]:
+    source: FeatureTable, target: FeatureTable, name: int, label: int
+) -> tuple[FeatureTable, FeatureTable]:
     """Move a feature to another layer, with its vertices and own properties; there it has the last id."""
     feature = replace(source.feature(name), label=label, id=0)
     return source.edited(remove=[name]), target.edited(add=[feature])
 
 
-def reverse_line(table: VectorLayer, name: int) -> VectorLayer:
+def reverse_line(table: FeatureTable, name: int) -> FeatureTable:
     """Reverse the order of a line's vertices."""
     line = table.feature(name)
     if line.kind != LINE:
@@ -178,7 +178,7 @@ def reverse_line(table: VectorLayer, name: int) -> VectorLayer:
     return table.edited([name], [replace(line, rings=tuple(ring[::-1] for ring in line.rings))])
 
 
-def set_value(table: VectorLayer, name: int, key: str, value: Value | None) -> VectorLayer:
+def set_value(table: FeatureTable, name: int, key: str, value: Value | None) -> FeatureTable:
     """Set a property of a feature, or of the sketch's own its ``label``; None removes its own value."""
     feature = table.feature(name)
     if key == "label" and table.layer != DRAPED:
@@ -222,7 +222,7 @@ def from_text(text: str) -> tuple[str, list[Feature]]:
             raise ValueError("no features")
         if name == DRAPED:
             return name, [Feature.from_geometry(shape, row) for shape, row in zip(shapes, rows, strict=True)]
-        layer = VectorLayer.from_shapes(name, shapes, labels=labels, columns=property_columns(rows))
+        layer = FeatureTable.from_shapes(name, shapes, labels=labels, columns=property_columns(rows))
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError, shapely.GEOSException):
         raise InputError("expected vectors copied from a sketch") from None
     return name, [replace(layer.feature(each), id=0) for each in layer.ids.tolist()]

@@ -23,7 +23,7 @@ from rasterio.crs import CRS
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.errors import InputError, format_value, one_line, prefix_errors
-from sketchterrain.features.table import AREA, KINDS, LINE, Column, Shapes, VectorLayer
+from sketchterrain.features.table import AREA, KINDS, LINE, Column, FeatureTable, Shapes
 from sketchterrain.io.crs import parse_crs, plain_path, transform_points
 from sketchterrain.io.files import wrap_read_errors
 from sketchterrain.io.gdal import OFFLINE
@@ -328,7 +328,7 @@ _ERRORS = (RuntimeError, ValueError, LookupError, OSError, MemoryError)  # of da
 _MAX_MESSAGE = 160  # characters of GDAL's
 
 
-def encode_vectors(layer: VectorLayer, frame: Mapping[str, Any]) -> bytes:
+def encode_vectors(layer: FeatureTable, frame: Mapping[str, Any]) -> bytes:
     """Return a layer as a FlatGeobuf file with coordinates in the frame; equal layers give equal bytes."""
     corner = np.array([frame["east"], frame["north"]])
     columns = {"id": layer.ids, "label": layer.labels.astype(np.int32), **layer.columns}
@@ -343,13 +343,13 @@ def encode_table(name: str, shapes: Shapes, columns: Mapping[str, Any], **option
     return stream.getvalue()
 
 
-def geometry_type(layer: VectorLayer) -> str:
+def geometry_type(layer: FeatureTable) -> str:
     """Return OGR's name of the type of all features."""
     kinds = set(layer.kinds.tolist())
     return {frozenset({LINE}): "LineString", frozenset({AREA}): "Polygon"}.get(frozenset(kinds), "Unknown")
 
 
-def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLayer:
+def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> FeatureTable:
     """Return the layer of a FlatGeobuf file; raise InputError if it is damaged, or not in the frame's CRS.
 
     The properties id and label may be missing; unknown ones are kept.
@@ -363,7 +363,7 @@ def decode_vectors(data: bytes, name: str, frame: Mapping[str, Any]) -> VectorLa
     ids, labels = (_whole(columns.pop(key, None), key) for key in ("id", "label"))
     corner = frame["east"], frame["north"]
     with np.errstate(over="ignore"):  # checked by the layer
-        return VectorLayer.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns, corner=corner)
+        return FeatureTable.from_shapes(name, shapes, ids=ids, labels=labels, columns=columns, corner=corner)
 
 
 def decode_table(data: bytes) -> tuple[str | None, Shapes, dict[str, Column]]:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
-from sketchterrain.features.table import LINE, POINT, Feature, Shapes, VectorLayer, on_grid
+from sketchterrain.features.table import LINE, POINT, Feature, FeatureTable, Shapes, on_grid
 from sketchterrain.geometry.splines import cubics
 
 if TYPE_CHECKING:  # it takes a quarter of a second
@@ -37,7 +37,7 @@ class Curves:
     boxes: Float64Array
 
     @classmethod
-    def of(cls, layer: VectorLayer) -> Curves:
+    def of(cls, layer: FeatureTable) -> Curves:
         """Return the curves of a layer; those of its pieces are known if they are unchanged."""
         import shapely
 
@@ -106,7 +106,7 @@ def _sampled(vertices: Float64Array, lengths: Int64Array) -> tuple[Float64Array,
 
 
 def nearest_place(
-    table: VectorLayer, feature: Feature, x: float, y: float
+    table: FeatureTable, feature: Feature, x: float, y: float
 ) -> tuple[float, int, tuple[float, float]]:
     """Return the place on a line or border nearest to a position (m): distance, vertex before it, place."""
     import shapely
@@ -130,7 +130,7 @@ def _pair(place: npt.ArrayLike) -> tuple[float, float]:
 
 
 def snapped(
-    tables: Iterable[VectorLayer],
+    tables: Iterable[FeatureTable],
     x: float,
     y: float,
     reach: float,

@@ -360,7 +360,7 @@ def _join(pieces: Sequence[Any], name: str) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class VectorLayer(InPieces):
+class FeatureTable(InPieces):
     """Features of one layer, in metres from the sketch's south-west corner.
 
     Vertices at equal positions are one node: features that share it are connected, and it moves as one.
@@ -428,7 +428,7 @@ class VectorLayer(InPieces):
     @classmethod
     def mapped(
         cls, arrays: Mapping[str, npt.NDArray[Any]], columns: Mapping[str, Any], **facts: Any
-    ) -> VectorLayer:
+    ) -> FeatureTable:
         """Return the table of a draped file by its arrays, with ascending ids; texts of columns are `Texts`.
 
         `facts` are `levels`, `count` and `mixed`.
@@ -436,9 +436,9 @@ class VectorLayer(InPieces):
         labels = np.broadcast_to(1, len(arrays["ids"]))
         return _restored(cls, {**arrays, "layer": DRAPED, "labels": labels, "columns": columns, **facts})
 
-    def with_edits(self, edits: Mapping[int, Feature | None]) -> VectorLayer:
+    def with_edits(self, edits: Mapping[int, Feature | None]) -> FeatureTable:
         """Return the table of a draped file with other edits."""
-        return _restored(VectorLayer, {**vars(self), "edits": edits})
+        return _restored(FeatureTable, {**vars(self), "edits": edits})
 
     @property
     def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
@@ -448,7 +448,7 @@ class VectorLayer(InPieces):
         return len(self.ids) if "ids" in self.__dict__ else sum(map(len, self.pieces))
 
     @cached_property
-    def pieces(self) -> tuple[VectorLayer, ...]:
+    def pieces(self) -> tuple[FeatureTable, ...]:
         """Successive parts of a few hundred features; of a small layer itself alone."""
         block = self.rings[self.parts[:-1]] // _PIECE_VERTICES + np.arange(len(self)) // _PIECE_FEATURES
         cuts = [0, *(np.flatnonzero(np.diff(block)) + 1).tolist(), len(self)]
@@ -519,7 +519,7 @@ class VectorLayer(InPieces):
         """Return the vertices of a ring, (n, 2), m."""
         return self.vertices[self.rings[number] : self.rings[number + 1]]
 
-    def _find(self, name: int) -> tuple[VectorLayer, int]:
+    def _find(self, name: int) -> tuple[FeatureTable, int]:
         """Return the piece of a feature by its id, and its index there, without edits; raise InputError."""
         if self.layer == DRAPED:
             row = int(np.searchsorted(self.ids, name))
@@ -613,7 +613,7 @@ class VectorLayer(InPieces):
                 found = piece.ring_of_vertex[np.isin(one_number(piece.vertices), one_number(places))]
                 yield from map(piece.feature, piece.ids[np.unique(piece.feature_of_ring[found])].tolist())
 
-    def pieces_near(self, west: float, south: float, east: float, north: float) -> Iterator[VectorLayer]:
+    def pieces_near(self, west: float, south: float, east: float, north: float) -> Iterator[FeatureTable]:
         """Yield the pieces that reach a rectangle (m)."""
         low, high = self._reach[:, 2:4], self._reach[:, 4:]
         near = ((low <= (east, north)) & (high >= (west, south))).all(axis=1)
@@ -653,14 +653,16 @@ class VectorLayer(InPieces):
             name: column.dtype.name if isinstance(column, np.ndarray) else "text" for name, column in columns
         }
 
-    def edited(self, remove: Collection[int] = (), add: Sequence[Feature] | VectorLayer = ()) -> VectorLayer:
+    def edited(
+        self, remove: Collection[int] = (), add: Sequence[Feature] | FeatureTable = ()
+    ) -> FeatureTable:
         """Return the layer without some features, by id, and with others, in their places or appended.
 
         A new feature of id 0 gets the next free one. Raise InputError for invalid features.
         """
-        if self.layer == DRAPED and not isinstance(add, VectorLayer):
+        if self.layer == DRAPED and not isinstance(add, FeatureTable):
             return self.with_edits(self._edits_with(remove, add))
-        new = add if isinstance(add, VectorLayer) else self._layer_of(add)
+        new = add if isinstance(add, FeatureTable) else self._layer_of(add)
         gone = np.unique(np.fromiter(remove, np.int64, len(remove)))
         pieces = list(self.pieces)
         between = (
@@ -721,11 +723,11 @@ class VectorLayer(InPieces):
             return max([self.count - 1, *self.edits]) + 1
         return 1 + int(self._reach[:, 1].max(initial=0))
 
-    def _layer_of(self, features: Sequence[Feature]) -> VectorLayer:
+    def _layer_of(self, features: Sequence[Feature]) -> FeatureTable:
         """Return new features as a layer, with the next free ids."""
         free = self.next_id
         own = [ring for each in features for ring in each.rings]
-        return VectorLayer(
+        return FeatureTable(
             self.layer,
             np.concatenate([np.zeros((0, 2)), *own]),
             starts([len(ring) for ring in own]),
@@ -736,7 +738,7 @@ class VectorLayer(InPieces):
             property_columns([each.properties for each in features]),
         )
 
-    def _slice(self, first: int, end: int) -> VectorLayer:
+    def _slice(self, first: int, end: int) -> FeatureTable:
         """Return successive features."""
         parts = self.parts[first : end + 1]
         rings = self.rings[parts[0] : parts[-1] + 1]
@@ -749,7 +751,7 @@ class VectorLayer(InPieces):
             {name: column[first:end] for name, column in self.columns.items()},
         )
 
-    def _taken(self, indices: Int64Array) -> VectorLayer:
+    def _taken(self, indices: Int64Array) -> FeatureTable:
         """Return some features, by their indices, in that order."""
         rings, of_ring = _ranges(self.parts, indices)
         vertices, of_vertex = _ranges(self.rings, rings)
@@ -789,7 +791,7 @@ class VectorLayer(InPieces):
         labels: npt.ArrayLike | None = None,
         columns: Mapping[str, Column] = MappingProxyType({}),
         corner: tuple[float, float] = (0.0, 0.0),
-    ) -> VectorLayer:
+    ) -> FeatureTable:
         """Return a layer of shapely points, lines and polygons, (n,), around the sketch's `corner` (m).
 
         By default ids count from 1, and labels are 1.
@@ -822,7 +824,7 @@ def _missing(name: int) -> InputError:
     return InputError(f"feature {name}: expected one that the layer has, with a geometry")
 
 
-def _check_features(layer: VectorLayer) -> None:
+def _check_features(layer: FeatureTable) -> None:
     """Raise InputError unless ids are unique and shapes are those that the layer takes."""
     ids, name = layer.ids, layer.layer
     counts, rings = np.diff(layer.rings), np.diff(layer.parts)
@@ -865,7 +867,7 @@ def _check_features(layer: VectorLayer) -> None:
             )
 
 
-def _check_columns(layer: VectorLayer) -> None:
+def _check_columns(layer: FeatureTable) -> None:
     """Raise InputError unless properties have a value for each feature, and declared ones an allowed one."""
     declared = vector_parameters(layer.layer)
     if len(layer.columns) > _MAX_COLUMNS:
@@ -895,11 +897,11 @@ def _check_columns(layer: VectorLayer) -> None:
             )
 
 
-def check_vectors(vectors: Mapping[str, VectorLayer]) -> Mapping[str, VectorLayer]:
+def check_vectors(vectors: Mapping[str, FeatureTable]) -> Mapping[str, FeatureTable]:
     """Return vector layers by name, empty ones included; raise InputError if one is not as expected."""
     for name, layer in vectors.items():
-        if not isinstance(layer, VectorLayer) or layer.layer != name:
-            raise InputError(f"vectors of {format_value(name)}: expected a VectorLayer of that name")
+        if not isinstance(layer, FeatureTable) or layer.layer != name:
+            raise InputError(f"vectors of {format_value(name)}: expected a FeatureTable of that name")
     if sum(layer.vertex_count for layer in vectors.values()) > MAX_VERTICES:
         raise InputError(f"more than {MAX_VERTICES / 1e6:g} million vertices: simplify the vector layers")
     return MappingProxyType({name: vectors.get(name) or _EMPTY[name] for name in VECTOR_LAYERS})
@@ -910,7 +912,7 @@ _PIECE_FEATURES, _PIECE_VERTICES = 256, 4096  # most of a piece, unless one feat
 _FIELDS: Final = ("vertices", *_WHOLE, "columns")
 
 
-def _unchecked(layer: str, *values: Any) -> VectorLayer:
+def _unchecked(layer: str, *values: Any) -> FeatureTable:
     """Return a layer of features that were checked before; properties that none has are left out."""
     *arrays, columns = values
     own = {name: column for name, column in columns.items() if _has_any(column)}
@@ -918,27 +920,27 @@ def _unchecked(layer: str, *values: Any) -> VectorLayer:
         if isinstance(array, np.ndarray):
             array.setflags(write=False)
     named = zip(("layer", *_FIELDS), (layer, *arrays, MappingProxyType(own)), strict=True)
-    return _restored(VectorLayer, dict(named))
+    return _restored(FeatureTable, dict(named))
 
 
 def _has_any(column: Column) -> bool:
     return any(column) if isinstance(column, tuple) else bool((column == column).any())
 
 
-def _of_pieces(layer: str, pieces: Sequence[VectorLayer]) -> VectorLayer:
+def _of_pieces(layer: str, pieces: Sequence[FeatureTable]) -> FeatureTable:
     """Return the layer of successive pieces."""
     if len(pieces) < 2:
         return pieces[0] if pieces else _EMPTY[layer]
-    found = VectorLayer.of_pieces(pieces)
+    found = FeatureTable.of_pieces(pieces)
     return found if len(found) > _PIECE_FEATURES else _joined(pieces)
 
 
-def _joined(pieces: Sequence[VectorLayer]) -> VectorLayer:
+def _joined(pieces: Sequence[FeatureTable]) -> FeatureTable:
     """Return the layer of successive pieces as one."""
     return _unchecked(pieces[0].layer, *(_join(pieces, name) for name in _FIELDS))
 
 
-def _join_columns(pieces: Sequence[VectorLayer]) -> Mapping[str, Column]:
+def _join_columns(pieces: Sequence[FeatureTable]) -> Mapping[str, Column]:
     """Return the properties of all pieces, of the types that `property_columns` gives them."""
     columns: dict[str, Column] = {}
     for name in dict.fromkeys(name for piece in pieces for name in piece.columns):
@@ -966,4 +968,4 @@ def _ranges(starts: Int64Array, which: Int64Array) -> tuple[Int64Array, Int64Arr
     return np.repeat(starts[which] - first, counts) + np.arange(counts.sum()), counts
 
 
-_EMPTY: Final = {name: VectorLayer(name) for name in VECTOR_LAYERS}
+_EMPTY: Final = {name: FeatureTable(name) for name in VECTOR_LAYERS}

@@ -19,7 +19,7 @@ from sketchterrain.compute.device import Device, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.io import resources
@@ -115,9 +115,9 @@ def probe_terrain() -> Sketch:
     for name, painted in _PAINTED.items():
         layers[name] = np.zeros((_PIXELS, _PIXELS), np.uint8)
         layers[name][painted] = 1
-    vectors: dict[str, VectorLayer] = {}
+    vectors: dict[str, FeatureTable] = {}
     for name, kind, places, own in _DRAWN:
-        layer = vectors.get(name, VectorLayer(name))
+        layer = vectors.get(name, FeatureTable(name))
         vectors[name] = layer.edited(add=[Feature(kind, (np.array(places),), 1, own)])
     return Sketch(name="self-test", extent=_EXTENT, seed=1, layers=layers, vectors=vectors)
 

@@ -14,7 +14,7 @@ from sketchterrain.array_types import BoolArray, UInt8Array
 from sketchterrain.document.label_layers import MAX_LABELS, MAX_SIDE, label_rgb, labels_in
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.schema.layers import DRAW_ORDER, LAYERS, VECTOR_ORDER
 from sketchterrain.schema.parameters import SKETCH, Value
 
@@ -255,7 +255,7 @@ def sketch_picture(sketch: Sketch) -> npt.NDArray[np.uint8]:
     return picture
 
 
-def _rasterised(vectors: VectorLayer, sketch: Sketch) -> UInt8Array:
+def _rasterised(vectors: FeatureTable, sketch: Sketch) -> UInt8Array:
     """Return the labels of vectors at all pixels that they touch."""
     import shapely
     from rasterio.features import rasterize

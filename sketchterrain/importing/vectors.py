@@ -27,8 +27,8 @@ from sketchterrain.features.table import (
     MAX_FEATURE_VERTICES,
     POINT,
     STEP,
+    FeatureTable,
     Shapes,
-    VectorLayer,
     property_columns,
     single_parts,
 )
@@ -191,7 +191,7 @@ class _Content(NamedTuple):
     """What a sketch gets of features, and notes on them."""
 
     images: dict[str, LabelImage]
-    vectors: dict[str, VectorLayer]
+    vectors: dict[str, FeatureTable]
     labels: dict[tuple[str, int], dict[str, Value]]
     notes: list[str]
 
@@ -413,7 +413,7 @@ def _joined(lines: Shapes) -> Shapes:
     return lines
 
 
-def _vector_layers(features: _Features, width: float | None) -> dict[str, VectorLayer]:
+def _vector_layers(features: _Features, width: float | None) -> dict[str, FeatureTable]:
     layers = {}
     for name in dict.fromkeys(features.names.tolist()):
         layer = features.where(features.names == name)
@@ -422,7 +422,7 @@ def _vector_layers(features: _Features, width: float | None) -> dict[str, Vector
         pairs = zip(layer.labels, layer.kinds.tolist(), strict=True)
         columns = property_columns([_properties(label, kind, width) for label, kind in pairs])
         labels = [label.label for label in layer.labels]
-        layers[name] = VectorLayer.from_shapes(name, layer.shapes, labels=labels, columns=columns)
+        layers[name] = FeatureTable.from_shapes(name, layer.shapes, labels=labels, columns=columns)
     return layers
 
 

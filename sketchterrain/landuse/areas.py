@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float32Array, Float64Array, Int64Array
-from sketchterrain.features.table import InPieces, VectorLayer, starts
+from sketchterrain.features.table import FeatureTable, InPieces, starts
 from sketchterrain.geometry.hashing import hash_unit
 from sketchterrain.schema.layers import CROPS, LAND_USES
 from sketchterrain.stages.parts import part_of
@@ -157,7 +157,7 @@ def land_use(sketch: Sketch, run: Runner | None = None) -> LandUse:
     return pieces[0] if len(pieces) == 1 else LandUse.of_pieces(pieces)
 
 
-def _areas_of(sketch: Sketch, layer: VectorLayer) -> LandUse:
+def _areas_of(sketch: Sketch, layer: FeatureTable) -> LandUse:
     after = np.arange(1, len(layer.vertices) + 1)
     after[layer.rings[1:] - 1] = layer.rings[:-1]
 

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from sketchterrain.array_types import Float64Array, Int64Array
-from sketchterrain.features.table import STEP, VectorLayer, on_grid
+from sketchterrain.features.table import STEP, FeatureTable, on_grid
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.landforms.hydrology.vector_rivers import line_path
 from sketchterrain.roads.road_types import BRIDGE, GROUND, TUNNEL, Road, RoadNetwork, Works, grades
@@ -99,7 +99,7 @@ def way_graph(sketch: Sketch) -> WayGraph:
     return WayGraph(tuple(ways), tuple(_legs(ways, paths)), tuple(crossings))
 
 
-def _ways(sketch: Sketch, layer: VectorLayer) -> list[Way]:
+def _ways(sketch: Sketch, layer: FeatureTable) -> list[Way]:
     name = layer.layer
     numbers = {key: sketch.vector_values(name, key).tolist() for key in _NUMBERS}
     texts = {key: sketch.vector_texts(name, key) for key in ("surface", "structure")}

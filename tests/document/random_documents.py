@@ -14,7 +14,7 @@ from sketchterrain.features.table import (
     LINE,
     POINT,
     Feature,
-    VectorLayer,
+    FeatureTable,
     vector_parameters,
 )
 from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
@@ -90,7 +90,7 @@ def _of_elevation(rng: Rng) -> dict[str, object]:
     }
 
 
-def random_vectors(rng: Rng, name: str) -> VectorLayer:
+def random_vectors(rng: Rng, name: str) -> FeatureTable:
     """Return a layer with up to eight features and properties of every type."""
     kinds = [KINDS.index(kind) for kind in LAYERS[name].vectors]
     declared, count = list(vector_parameters(name).values()), int(rng.integers(9))
@@ -118,10 +118,10 @@ def random_vectors(rng: Rng, name: str) -> VectorLayer:
         kind = int(rng.choice(kinds))
         label = int(rng.choice([1, 2, 255]))
         features.append(Feature(kind, _rings(rng, kind), label, values, int(ids[number])))
-    return VectorLayer(name).edited(add=features)
+    return FeatureTable(name).edited(add=features)
 
 
-def content_of(layer: VectorLayer) -> tuple[object, ...]:
+def content_of(layer: FeatureTable) -> tuple[object, ...]:
     """Return everything in a layer, to compare it, however it is in pieces."""
     arrays = (layer.vertices, layer.rings, layer.parts, layer.kinds, layer.ids, layer.labels)
     columns = sorted((name, repr(np.asarray(column).tolist())) for name, column in layer.columns.items())

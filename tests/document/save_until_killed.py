@@ -21,7 +21,7 @@ import numpy as np
 from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, save_sketch
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from tests.document.conftest import same
 
@@ -48,10 +48,10 @@ def numbered_sketch(number: int) -> Sketch:
 
 
 @cache
-def _layer(name: str, number: int) -> VectorLayer:
+def _layer(name: str, number: int) -> FeatureTable:
     kind = LINE if "line" in LAYERS[name].vectors else AREA
     feature = Feature(kind, (SQUARE + number,), properties={"note": f"n° {number}"})
-    return VectorLayer(name).edited(add=[feature])
+    return FeatureTable(name).edited(add=[feature])
 
 
 def count_calls(on_call: Callable[[], None]) -> None:

@@ -12,7 +12,7 @@ from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import JOURNAL, load_sketch, new_sketch, save_sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.features.table import KINDS, Feature, VectorLayer
+from sketchterrain.features.table import KINDS, Feature, FeatureTable
 from sketchterrain.io.resources import preset, preset_names
 from sketchterrain.schema.layers import LAYERS, PAINTED_LAYERS, VECTOR_LAYERS
 from tests.refusals import refused
@@ -245,7 +245,7 @@ def numbered_sketch(label):
     return Sketch(
         seed=label,
         layers=dict.fromkeys(PAINTED_LAYERS, image),
-        vectors={name: VectorLayer(name).edited(add=[feature])},
+        vectors={name: FeatureTable(name).edited(add=[feature])},
         rasters=(RasterSource(f"map-{label:08}.raster", content=content),),
     )
 

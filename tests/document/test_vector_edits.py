@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits as edits
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 
 
 def line(*points, **properties):
@@ -23,7 +23,7 @@ def places(layer, name, ring=0):
 @pytest.fixture
 def rivers():
     """Two rivers that meet at (10, 0), and a third one elsewhere."""
-    return VectorLayer("river").edited(
+    return FeatureTable("river").edited(
         add=[
             line((0, 0), (5, 1), (10, 0), smooth=1, name="Inn"),
             line((20, 5), (10, 0), width=4.5),
@@ -56,12 +56,12 @@ def test_vertices_are_inserted_and_deleted(rivers):
     gone = edits.delete_vertex(rivers, 2, 0)  # of the line of two
     assert gone.ids.tolist() == [1, 3]
     assert places(gone, 3) == places(rivers, 3)
-    there_and_back = VectorLayer("river").edited(add=[line((0, 0), (5, 0), (0, 0), (9, 9))])
+    there_and_back = FeatureTable("river").edited(add=[line((0, 0), (5, 0), (0, 0), (9, 9))])
     assert places(edits.delete_vertex(there_and_back, 1, 1), 1) == [(0, 0), (9, 9)]
 
 
 def test_deleting_from_areas_deletes_holes_then_the_area():
-    lakes = VectorLayer("lake").edited(
+    lakes = FeatureTable("lake").edited(
         add=[area(square(0, 0, 100), [(10, 10), (20, 10), (20, 20)]), area(square(200, 0, 10))]
     )
     no_hole = edits.delete_vertex(lakes, 1, 5)
@@ -121,7 +121,7 @@ def test_text_round_trip_is_exact(rivers):
         edits.to_text("river", [rivers.feature(each) for each in rivers.ids.tolist()])
     )
     assert name == "river"
-    copy = VectorLayer("river").edited(add=features)
+    copy = FeatureTable("river").edited(add=features)
     for each in rivers.ids.tolist():
         one, other = rivers.feature(each), copy.feature(each)
         assert (one.kind, one.label, one.properties) == (other.kind, other.label, other.properties)

@@ -10,7 +10,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.files import decode_vectors, encode_vectors
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 
 from .conftest import refusal, same_vectors
 
@@ -31,7 +31,7 @@ def layer():
     }
     shapes = np.array([*lines, shapely.box(0, 0, 50, 20), HOLE])
     labels, ids = [1, 2, 255, 1, 1], [7, 3, 2**31 - 1, 1, 2]
-    return VectorLayer.from_shapes("river", shapes, ids=ids, labels=labels, columns=columns)
+    return FeatureTable.from_shapes("river", shapes, ids=ids, labels=labels, columns=columns)
 
 
 def test_layers_are_the_same_after_saving(layer, tmp_path) -> None:
@@ -39,7 +39,7 @@ def test_layers_are_the_same_after_saving(layer, tmp_path) -> None:
         data = encode_vectors(layer, frame)
         assert data == encode_vectors(layer, frame)
         same_vectors(decode_vectors(data, "river", frame), layer)
-    lake = VectorLayer.from_shapes("lake", np.array([HOLE]))
+    lake = FeatureTable.from_shapes("lake", np.array([HOLE]))
     sketch = Sketch(extent=1000.0, frame=FRAME, vectors={"river": layer, "lake": lake})
     save_sketch(sketch, tmp_path / "a")
     loaded = load_sketch(tmp_path / "a")
@@ -73,7 +73,7 @@ def test_damaged_files_load_or_are_refused(layer) -> None:
 
 
 def test_no_feature_of_a_short_file_is_lost_silently(layer) -> None:
-    many = VectorLayer.from_shapes("river", np.repeat(layer.shapes()[1:2], 40))
+    many = FeatureTable.from_shapes("river", np.repeat(layer.shapes()[1:2], 40))
     data = encode_vectors(many, FRAME)
     for length in range(len(data) - 400, len(data)):  # one of them ends between two features
         with pytest.raises(InputError, match="not a whole FlatGeobuf file"):
@@ -83,7 +83,7 @@ def test_no_feature_of_a_short_file_is_lost_silently(layer) -> None:
 def test_wrong_files_in_a_sketch_are_refused_by_name(layer, tmp_path) -> None:
     save_sketch(Sketch(extent=1000.0, frame=FRAME, vectors={"river": layer}), tmp_path / "a")
     path = tmp_path / "a" / "river.fgb"
-    points = VectorLayer.from_shapes("river", layer.shapes()[:1])
+    points = FeatureTable.from_shapes("river", layer.shapes()[:1])
     whole = path.read_bytes()
     lines = encode_vectors(points, FRAME)
     for content, expected in (

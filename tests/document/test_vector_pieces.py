@@ -12,7 +12,7 @@ from sketchterrain.document.history import History
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits as edits
-from sketchterrain.features.table import AREA, Feature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, FeatureTable
 from sketchterrain.landuse.areas import land_use
 
 from .random_documents import content_of
@@ -23,14 +23,14 @@ STEPS = 250  # of a history
 
 
 @pytest.fixture(scope="module")
-def fields() -> VectorLayer:
+def fields() -> FeatureTable:
     """Return a jittered grid of fields that share their corners."""
     rng = np.random.default_rng(5)
     corner = STEP * np.stack(np.meshgrid(np.arange(SIDE + 1), np.arange(SIDE + 1)), axis=-1)
     corner = corner + rng.uniform(-0.2, 0.2, corner.shape) * STEP
     ring = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]], axis=2)
     count = SIDE * SIDE
-    return VectorLayer(
+    return FeatureTable(
         "landuse",
         ring.reshape(-1, 2),
         np.arange(count + 1) * 4,
@@ -46,12 +46,12 @@ def fields() -> VectorLayer:
     )
 
 
-def fresh(layer: VectorLayer) -> VectorLayer:
+def fresh(layer: FeatureTable) -> FeatureTable:
     """Return an equal layer that is checked as a whole."""
-    return VectorLayer(layer.layer, *layer._arrays, dict(layer.columns))
+    return FeatureTable(layer.layer, *layer._arrays, dict(layer.columns))
 
 
-def random_edit(rng: np.random.Generator, layer: VectorLayer) -> VectorLayer:
+def random_edit(rng: np.random.Generator, layer: FeatureTable) -> FeatureTable:
     name = int(rng.choice(layer.ids))
     feature = layer.feature(name)
     (x, y), index = feature.rings[0][0].tolist(), int(rng.integers(len(feature.rings[0])))

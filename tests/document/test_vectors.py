@@ -11,7 +11,7 @@ import shapely
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.files import decode_vectors, encode_vectors
-from sketchterrain.features.table import AREA, LINE, POINT, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, POINT, Feature, FeatureTable
 from sketchterrain.landuse.areas import land_use
 
 FRAME = Sketch(frame={"crs": "EPSG:25832"}).frame
@@ -29,7 +29,7 @@ TWO_LINES = {
 def refusal(layer="river", **changes) -> str:
     """Return the one line with which two lines that differ in some arrays are refused."""
     with pytest.raises(InputError) as caught:
-        VectorLayer(layer, **TWO_LINES | changes)
+        FeatureTable(layer, **TWO_LINES | changes)
     assert caught.value.exit_code == 3
     assert str(caught.value).isprintable()
     return str(caught.value)
@@ -39,9 +39,9 @@ def with_vertex(x, y):
     return np.concatenate([PATH[:1], [[x, y]], PATH[2:]])
 
 
-def area(*rings) -> VectorLayer:
+def area(*rings) -> FeatureTable:
     features = [Feature(AREA, tuple(np.array(ring, float) for ring in rings))]
-    return VectorLayer("lake").edited(add=features)
+    return FeatureTable("lake").edited(add=features)
 
 
 @pytest.mark.parametrize("vertex", [(np.nan, 0.0), (0.0, np.inf), (1.1e7, 0.0), (0.0, -np.inf)])
@@ -81,7 +81,7 @@ def test_ids_are_unique_and_positive():
         assert refusal(ids=np.array(ids)) == "river: expected unique ids from 1 to 2147483647"
     for ids in ([1.5, 2.0], [np.nan, 1.0], ["a", "b"], [[1, 2]], [True, False], [None, 1]):
         assert refusal(ids=np.array(ids)).startswith("river: ids: expected whole numbers (n,), got "), ids
-    assert VectorLayer("river", **TWO_LINES).ids.tolist() == [7, 2]
+    assert FeatureTable("river", **TWO_LINES).ids.tolist() == [7, 2]
 
 
 def test_labels_are_from_1_to_255():
@@ -104,8 +104,8 @@ def test_layers_take_their_kinds_of_features_only():
     one_of_two = {"parts": np.array([0, 2])}
     one_of_two |= {key: TWO_LINES[key][:1] for key in ("kinds", "ids", "labels")}
     assert refusal(**one_of_two) == "river feature 7: expected one part, unless it is an area"
-    for wrong in ({"river": VectorLayer("lake")}, {"river": None}, {"a\nb": VectorLayer("river")}):
-        with pytest.raises(InputError, match=r"^vectors of .*: expected a VectorLayer of that name$"):
+    for wrong in ({"river": FeatureTable("lake")}, {"river": None}, {"a\nb": FeatureTable("river")}):
+        with pytest.raises(InputError, match=r"^vectors of .*: expected a FeatureTable of that name$"):
             Sketch(vectors=wrong)
 
 
@@ -115,7 +115,7 @@ def test_repeated_vertices_are_refused():
         assert refusal(vertices=with_vertex(*vertex)) == f"river {expected}"
     assert refusal(rings=np.array([0, 1, 5])) == f"river {expected}"
     assert refusal(rings=np.array([0, 0, 5])) == f"river {expected}"
-    VectorLayer("river", **TWO_LINES | {"vertices": PATH[[0, 1, 0, 1, 0]]})  # to and fro is a line
+    FeatureTable("river", **TWO_LINES | {"vertices": PATH[[0, 1, 0, 1, 0]]})  # to and fro is a line
 
     square = [[0, 0], [9, 0], [9, 9], [0, 9]]
     for ring in (square[:2], [square[0], *square], [*square[:3], square[2]], square[:1] * 4):
@@ -156,7 +156,7 @@ def test_properties_have_the_types_of_their_declaration():
         assert got in refusal(columns={"width": values})
     for values in (np.array([0.5, np.nan]), np.array([2, 0]), np.array([0, -1])):
         assert "expected a whole number from 0 to 1" in refusal(columns={"smooth": values})
-    road = VectorLayer.from_shapes("road", shapely.linestrings([[(0, 0), (9, 0)], [(0, 5), (9, 5)]]))
+    road = FeatureTable.from_shapes("road", shapely.linestrings([[(0, 0), (9, 0)], [(0, 5), (9, 5)]]))
     for columns, got in (
         ({"structure": ("bridge", "ferry")}, "road feature 2: structure = 'ferry': expected 'automatic' or"),
         ({"structure": np.zeros(2)}, "road feature 1: structure = 0.0: expected 'automatic' or 'ground' or"),
@@ -204,7 +204,7 @@ def test_layers_have_limits(monkeypatch):
 
 def test_files_of_other_programs_are_refused_in_one_line():
     line = shapely.LineString(PATH)
-    whole = encode_vectors(VectorLayer("river", **TWO_LINES, columns={"note": ("a", "")}), FRAME)
+    whole = encode_vectors(FeatureTable("river", **TWO_LINES, columns={"note": ("a", "")}), FRAME)
 
     def written(shapes, *, crs="EPSG:25832", **columns):
         stream = io.BytesIO()
@@ -261,7 +261,7 @@ def test_areas_of_land_use_that_nobody_should_draw():
         for rings in cases:
             feature = Feature(AREA, tuple(np.array(ring, float) for ring in rings))
             with pytest.raises(InputError, match=f"landuse feature 1: expected an area .*{reason}"):
-                VectorLayer("landuse").edited(add=[feature])
+                FeatureTable("landuse").edited(add=[feature])
     allowed = (
         [[(0, 0), (1000, 0), (500, 1 / 1024)]],  # a sliver
         [square, [(0, 0), (4, 2), (2, 4)]],  # a hole that touches its border at a vertex
@@ -269,7 +269,7 @@ def test_areas_of_land_use_that_nobody_should_draw():
         [square],  # once more
     )
     features = [Feature(AREA, tuple(np.array(ring, float) for ring in rings)) for rings in allowed]
-    layer = VectorLayer("landuse").edited(add=features)
+    layer = FeatureTable("landuse").edited(add=features)
     areas = land_use(Sketch(vectors={"landuse": layer}))
     x, y, to_x, to_y = areas.edges.T
     signed = np.add.reduceat(0.5 * (x * to_y - y * to_x), areas.first[:-1])

@@ -10,7 +10,7 @@ import shapely
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.elevation.grids import ElevationGrid, SketchFrame, read_grid
-from sketchterrain.features.table import AREA, Feature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, FeatureTable
 from sketchterrain.importing.elevation import FlatWater, flat_waters, water_findings
 
 DATA = Path(os.environ.get("SKETCHTERRAIN_DEMS", "no folder of real DEMs"))
@@ -48,7 +48,7 @@ def test_a_lake_with_an_island_has_its_outline() -> None:
     x, y = STEP * COLUMN, STEP * (199.0 - ROW)
     assert np.array_equal(shapely.contains_xy(shape, x, y), lake & ~island)
     assert water_findings([found]) == ("1 flattened lake of 4.24 km² in all",)
-    layer = VectorLayer("lake").edited(add=[Feature(AREA, found.rings)])
+    layer = FeatureTable("lake").edited(add=[Feature(AREA, found.rings)])
     assert len(layer) == 1
 
 
@@ -112,5 +112,5 @@ def test_lakes_of_a_large_grid_beside_voids_are_valid_areas() -> None:
     found = flat_waters(read_grid(DATA / "cog_int16_voids.tif", frame))
     assert len(found) == 46
     assert all(polygon(each).is_valid for each in found)
-    layer = VectorLayer("lake").edited(add=[Feature(AREA, each.rings) for each in found])
+    layer = FeatureTable("lake").edited(add=[Feature(AREA, each.rings) for each in found])
     assert len(layer) == 46

@@ -21,7 +21,7 @@ from sketchterrain.export.vectors import (
     land_shares,
     write_features,
 )
-from sketchterrain.features.table import AREA, Feature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, FeatureTable
 from sketchterrain.landforms.placement.feature_types import FEATURE
 from sketchterrain.roads.road_types import RoadNetwork
 from sketchterrain.schema.layers import LAND_USES
@@ -49,7 +49,7 @@ def sketch() -> Sketch:
     return Sketch(
         extent=EXTENT,
         layers={"hill": np.zeros((50, 50), np.uint8)},
-        vectors={"landuse": VectorLayer("landuse").edited(add=areas)},
+        vectors={"landuse": FeatureTable("landuse").edited(add=areas)},
         labels={("landuse", 2): {"use": "meadow"}},
     )
 

@@ -10,7 +10,7 @@ import shapely
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.export.vectors import Origin, geopackage, sketch_layer
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.importing.images import detect_kind
 from sketchterrain.importing.vector_files import reproject
 from sketchterrain.importing.vectors import sketch_from_vectors
@@ -94,7 +94,7 @@ def test_coordinates_of_large_sketches_keep_centimetres(tmp_path) -> None:
     random = np.random.default_rng(5)
     for extent in (100.0, 10_000.0, 100_000.0):
         at = random.uniform(0, extent, (200, 2))
-        layer = VectorLayer.from_shapes("river", np.array([shapely.LineString(at)]))
+        layer = FeatureTable.from_shapes("river", np.array([shapely.LineString(at)]))
         frame = {"crs": "EPSG:32631", "east": 834_567.123, "north": 9_312_345.678}
         sketch = Sketch(extent=extent, frame=frame, vectors={"river": layer})
         folder = tmp_path / f"{extent:g}"

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import AREA, Feature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, FeatureTable
 from sketchterrain.landuse.areas import LandUse, land_use
 from sketchterrain.schema.layers import CROPS
 
 
-def sketch_of(layer: VectorLayer) -> Sketch:
+def sketch_of(layer: FeatureTable) -> Sketch:
     return Sketch(extent=1000.0, vectors={"landuse": layer})
 
 
-def row_of_fields(count: int, **own) -> VectorLayer:
+def row_of_fields(count: int, **own) -> FeatureTable:
     """Return squares of 10 m in a row, ids from 1 on."""
     square = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
     every = [Feature(AREA, (square + np.array([10.0 * k, 0.0]),), 1, dict(own)) for k in range(count)]
-    return VectorLayer("landuse").edited(add=every)
+    return FeatureTable("landuse").edited(add=every)
 
 
 def contents(areas: LandUse, row: int) -> tuple[bytes, ...]:
@@ -80,7 +80,7 @@ def test_automatic_crops_are_mixed_and_others_stay() -> None:
 
 def test_rows_follow_contours_or_the_longest_side() -> None:
     long = [(0.0, 0.0), (200.0, 100.0), (180.0, 140.0), (-20.0, 40.0)]
-    layer = VectorLayer("landuse").edited(add=[Feature(AREA, (np.array(long),))])
+    layer = FeatureTable("landuse").edited(add=[Feature(AREA, (np.array(long),))])
     areas, one = land_use(sketch_of(layer)), np.zeros(1, np.int64)
 
     def slope(east: float, north: float):

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, StructuredArray
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.generation.building import build, make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.landforms.placement.feature_types import (
@@ -324,7 +324,7 @@ def watery_sketch(number: int) -> Sketch:
     if rng.random() < 0.5:
         return sketch
     paths = [rng.uniform(0.02, 0.98, (int(rng.integers(2, 6)), 2)) * sketch.size for _ in range(2)]
-    roads = VectorLayer.from_shapes("road", np.array([shapely.LineString(each) for each in paths], object))
+    roads = FeatureTable.from_shapes("road", np.array([shapely.LineString(each) for each in paths], object))
     return sketch.replace(vectors={"road": roads})
 
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 import sketchterrain as st
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.roads.network import road_facts
 from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
 from tests.sample_roads import make_network, make_road
@@ -19,7 +19,7 @@ def sketch_of(network):
         ids = sorted({road.id & 0x7FFFFFFF for road in own})
         lines = np.array([shapely.LineString([(0, 0), (9, each)]) for each in ids])
         limits = {"grade": np.array([0.04 if each == 1 else np.nan for each in ids])}
-        vectors[layer] = VectorLayer.from_shapes(layer, lines, ids=ids, columns=limits)
+        vectors[layer] = FeatureTable.from_shapes(layer, lines, ids=ids, columns=limits)
     return st.Sketch(extent=1024.0, layers={"hill": np.zeros((8, 8), np.uint8)}, vectors=vectors)
 
 

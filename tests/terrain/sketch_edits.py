@@ -13,7 +13,7 @@ from sketchterrain.document.edits import Edit
 from sketchterrain.document.material_rules import DEFAULT_RULES, Factor, RuleChange
 from sketchterrain.document.sketch import TABLES, LabelImage, Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.generation.terrain import TerrainFeatures
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, lock_edit, move_edit
 from sketchterrain.schema.layers import DENSITY, LAYERS, PAINTED_LAYERS, POINT_LAYERS, VECTOR_LAYERS
@@ -251,7 +251,7 @@ def _draw(name: str) -> Change:
     return draw
 
 
-def _random_line(rng: Rng, layer: VectorLayer, sketch: Sketch) -> Feature:
+def _random_line(rng: Rng, layer: FeatureTable, sketch: Sketch) -> Feature:
     steps = rng.normal(0, 0.08 * sketch.extent, (int(rng.integers(2, 8)), 2))
     path = rng.uniform(-0.05, 1.05, 2) * sketch.size + np.cumsum(steps, axis=0)
     if len(layer) and rng.random() < 0.5:

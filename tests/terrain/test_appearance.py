@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.landuse.areas import NO_LAND_USE, land_use
 from sketchterrain.roads.road_types import BRIDGE, RoadNetwork
 from sketchterrain.schema.materials import MATERIALS
@@ -36,7 +36,7 @@ def appearance(areas=(), roads=(), *, use="meadow", context=None, slope=(0.0, 0.
     landuse = NO_LAND_USE
     if len(areas):
         columns["use"] = (use,) * len(areas) if isinstance(use, str) else tuple(use)
-        layer = VectorLayer.from_shapes("landuse", np.array(areas, object), columns=columns)
+        layer = FeatureTable.from_shapes("landuse", np.array(areas, object), columns=columns)
         landuse = land_use(Sketch(vectors={"landuse": layer}))
 
     def heights(x, y, *, cell_size):

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.generation.building import draft_recipes, evaluation
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.stages.runner import Results
@@ -75,7 +75,7 @@ def test_roads_of_drafts_are_those_of_before_on_the_final_ground(built):
     sketch = sketch.replace(
         vectors={
             **sketch.vectors,
-            "road": VectorLayer.from_shapes("road", np.array([shapely.LineString(line)])),
+            "road": FeatureTable.from_shapes("road", np.array([shapely.LineString(line)])),
         }
     )
     before = evaluation(sketch, memory)

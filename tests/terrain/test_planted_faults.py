@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.geometry import box_index as row_differences
@@ -452,7 +452,7 @@ def terrain(context) -> Terrain:
         density=density,
         climate=climate,
         layers={**sketch.layers, "dune": dunes},
-        vectors={name: VectorLayer(name).edited(add=each) for name, each in features.items()},
+        vectors={name: FeatureTable(name).edited(add=each) for name, each in features.items()},
     )
     built = build(sketch, device=context)
     # Rivers are so steep that arcs depend on it.

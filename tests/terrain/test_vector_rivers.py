@@ -6,7 +6,7 @@ import shapely
 
 import sketchterrain as st
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.landforms.hydrology.lakes import area_field
 from sketchterrain.landforms.hydrology.rivers import lay_out_water
@@ -32,8 +32,8 @@ DRY = {"aridity": 1.0}  # hardly any streams
 
 def sketch(*rivers, lakes=(), climate=DRY, **settings):
     vectors = {
-        "river": VectorLayer("river").edited(add=rivers),
-        "lake": VectorLayer("lake").edited(add=lakes),
+        "river": FeatureTable("river").edited(add=rivers),
+        "lake": FeatureTable("lake").edited(add=lakes),
     }
     return Sketch(vectors=vectors, climate=climate, **settings)
 

@@ -11,7 +11,7 @@ from sketchterrain.benchmarks.synthetic_land import synthetic_land
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.edits import move_node
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.generation.building import build, rebuild
 from sketchterrain.geometry.box_index import BoxIndex
 from sketchterrain.geometry.lattice import to_lattice
@@ -63,7 +63,7 @@ def assert_same_tiles(one, other, keys) -> None:
 
 
 def sketch_of(shapes, ids=None, **columns) -> Sketch:
-    layer = VectorLayer.from_shapes("landuse", np.array(shapes, object), ids=ids, columns=columns)
+    layer = FeatureTable.from_shapes("landuse", np.array(shapes, object), ids=ids, columns=columns)
     return Sketch(extent=EXTENT, seed=3, vectors={"landuse": layer}, climate={"aridity": 1.0})
 
 

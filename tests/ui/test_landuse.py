@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
-from sketchterrain.features.table import AREA, Feature, VectorLayer
+from sketchterrain.features.table import AREA, Feature, FeatureTable
 from sketchterrain.landuse.areas import land_use
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.styles import rgb_from_hex
@@ -98,7 +98,7 @@ def test_two_fields_share_a_border_get_crops_and_are_saved(
 
 def test_a_new_area_has_a_vertex_where_others_meet_on_its_border():
     squares = [np.array([(x, 0), (x + 8, 0), (x + 8, 8), (x, 8)], float) for x in (0, 8)]
-    layer = VectorLayer("landuse").edited(add=[Feature(AREA, (each,)) for each in squares])
+    layer = FeatureTable("landuse").edited(add=[Feature(AREA, (each,)) for each in squares])
     below = Feature(AREA, (np.array([(0.0, 8.0), (16.0, 8.0), (8.0, 20.0)]),))
     (added,) = features.with_feature(Sketch(extent=1280.0, vectors={"landuse": layer}), "landuse", below)
     assert added.feature(3).rings[0].tolist() == [[0, 8], [8, 8], [16, 8], [8, 20]]
@@ -110,8 +110,8 @@ def test_areas_are_drawn_below_lines_in_the_colour_of_their_use(canvas, workspac
     areas = [Feature(AREA, (np.add(square, (x, 0)),), 1, {"use": use}) for x, use in places]
     lake = Feature(AREA, (np.add(square, (250, 60)),))
     layers = {
-        "landuse": VectorLayer("landuse").edited(add=areas),
-        "lake": VectorLayer("lake").edited(add=[lake]),
+        "landuse": FeatureTable("landuse").edited(add=areas),
+        "lake": FeatureTable("lake").edited(add=[lake]),
     }
     blank.do("Draw", blank.sketch.replace(vectors=layers))
     workspace.tool = "brush"
@@ -129,7 +129,7 @@ def test_areas_are_drawn_below_lines_in_the_colour_of_their_use(canvas, workspac
 
 def test_the_panel_lists_uses_and_the_page_has_all_properties(workspace, blank, show_widget):
     area = Feature(AREA, (np.array([(0, 0), (100, 0), (100, 100)], float),))
-    blank.do("Draw", blank.sketch.replace(vectors={"landuse": VectorLayer("landuse").edited(add=[area])}))
+    blank.do("Draw", blank.sketch.replace(vectors={"landuse": FeatureTable("landuse").edited(add=[area])}))
     panel = show_widget(LayersPanel(blank, workspace))
     assert {row.layer: row.detail for row in panel.list.rows}["landuse"] == "use field · 1 drawn"
     page = show_widget(FeaturePage(blank, workspace))
@@ -144,7 +144,7 @@ def test_many_small_areas_are_drawn_as_squares_and_large_ones_as_they_are(canvas
     large = np.array([(700, 700), (1000, 700), (700, 1000)], float)
     areas = [Feature(AREA, (each,), 1, {"use": "forest"}) for each in squares]
     areas.append(Feature(AREA, (large,), 1, {"use": "built_up"}))
-    blank.do("Draw", blank.sketch.replace(vectors={"landuse": VectorLayer("landuse").edited(add=areas)}))
+    blank.do("Draw", blank.sketch.replace(vectors={"landuse": FeatureTable("landuse").edited(add=areas)}))
     workspace.tool = "brush"
     picture = canvas.grab().toImage()
 

@@ -7,7 +7,7 @@ from PyQt6.QtGui import QGuiApplication
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.link import NOT_PLACED
 from sketchterrain.ui.models import features
@@ -34,7 +34,7 @@ def blank(qapp):
 @pytest.fixture
 def rivers(blank):
     """Two rivers that meet at (600, 600)."""
-    layer = VectorLayer("river").edited(
+    layer = FeatureTable("river").edited(
         add=[line((200, 600), (400, 640), (600, 600), smooth=1), line((600, 1000), (600, 600))]
     )
     blank.open(blank.sketch.replace(vectors={"river": layer}))
@@ -207,7 +207,7 @@ def test_dragging_a_node_moves_both_lines_in_one_step(canvas, rivers, workspace)
 
 def test_a_lake_follows_the_drag_of_its_vertex_where_it_is_possible(canvas, blank, workspace):
     corners = [(300, 300), (900, 300), (900, 900), (300, 900)]
-    lakes = VectorLayer("lake").edited(add=[Feature(AREA, (np.array(corners, float),))])
+    lakes = FeatureTable("lake").edited(add=[Feature(AREA, (np.array(corners, float),))])
     blank.open(blank.sketch.replace(vectors={"lake": lakes}))
     workspace.tool, workspace.selection = "select", Selection("lake", 1)
     drag(canvas, (300, 300), (500, 350), (1000, 700))
@@ -255,10 +255,10 @@ def test_lines_are_hit_on_their_curve_and_within_their_width_and_areas_inside(bl
         return next(iter(selections_at(blank, workspace, NOT_PLACED, x, y, 1.0)), None)
 
     border, hole = ((np.array([(a, a), (b, a), (b, b), (a, b)], float)) for a, b in ((0, 1200), (900, 1100)))
-    rivers = VectorLayer("river").edited(
+    rivers = FeatureTable("river").edited(
         add=[line((100, 300), (300, 700), (500, 300), smooth=1), line((600, 100), (600, 800), width=80.0)]
     )
-    lakes = VectorLayer("lake").edited(add=[Feature(AREA, (border, hole))])
+    lakes = FeatureTable("lake").edited(add=[Feature(AREA, (border, hole))])
     blank.open(blank.sketch.replace(vectors={"river": rivers, "lake": lakes}))
     ((x, y), *_) = [each for each in rivers.curves.shapes[0].coords if 345 < each[0] < 365]
     assert abs(y - (700 - 2 * (x - 300))) > 20.0  # off the chord
@@ -283,7 +283,7 @@ def test_what_is_drawn_under_the_cursor_is_picked_before_what_is_near(canvas, bl
         ],
         "path": [line((500, 500), (500, 700))],
     }
-    layers = {name: VectorLayer(name).edited(add=each) for name, each in added.items()}
+    layers = {name: FeatureTable(name).edited(add=each) for name, each in added.items()}
     blank.do("Draw", blank.sketch.replace(vectors=layers))
     workspace.tool = "select"
     for x, y, expected in (
@@ -349,7 +349,7 @@ def test_a_vector_has_the_properties_of_its_label(page, rivers):
 
 
 def test_actions_and_menus_edit_vectors(window, document, workspace, link, qtbot):
-    layer = VectorLayer("river").edited(add=[line((200, 600), (400, 640), (600, 600)), line((0, 0), (5, 5))])
+    layer = FeatureTable("river").edited(add=[line((200, 600), (400, 640), (600, 600)), line((0, 0), (5, 5))])
     document.open(document.sketch.replace(vectors={"river": layer}))
     actions = window.actions_by_name
     names = ("copy", "split-line", "join-lines", "reverse-line", "delete-selection")

@@ -8,7 +8,7 @@ from PyQt6.QtCore import QEvent, QRectF, Qt
 from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
-from sketchterrain.features.table import LINE, Feature, VectorLayer
+from sketchterrain.features.table import LINE, Feature, FeatureTable
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg
@@ -406,7 +406,7 @@ def test_ways_follow_the_drag_of_their_node_and_get_vertices_in_the_view(
 ):
     lines = {"road": [(800, 900), (1000, 1000), (1200, 900)], "path": [(1000, 1000), (1000, 1400)]}
     layers = {
-        name: VectorLayer(name).edited(add=[Feature(LINE, (np.array(points, float),))])
+        name: FeatureTable(name).edited(add=[Feature(LINE, (np.array(points, float),))])
         for name, points in lines.items()
     }
     document.open(document.sketch.replace(vectors=layers), modified=True)
@@ -437,7 +437,7 @@ def test_what_is_drawn_under_a_pixel_is_picked_before_what_is_near(view, link, d
     texel = view._scene.projection(view.width(), view.height()).metres_per_px((800.0, 600.0, 0.0))
     added = {"river": (600.0, {"width": 4.0 * texel}), "road": (600.0 + 6.0 * texel, {"width": texel})}
     layers = {
-        name: VectorLayer(name).edited(
+        name: FeatureTable(name).edited(
             add=[Feature(LINE, (np.array([(200.0, y), (1400.0, y)]),), 1, properties)]
         )
         for name, (y, properties) in added.items()
@@ -454,7 +454,7 @@ def test_vertices_of_a_vector_are_dragged_in_one_step(view, link, document, work
     places = np.array([(800.0, 900.0), (1000.0, 1000.0), (1200.0, 900.0)])
     lines = [Feature(LINE, (part,)) for part in (places, places[[2, 0]] - (0.0, 300.0))]
     document.open(
-        document.sketch.replace(vectors={"river": VectorLayer("river").edited(add=lines)}), modified=True
+        document.sketch.replace(vectors={"river": FeatureTable("river").edited(add=lines)}), modified=True
     )
     click(view, 320, 240)
     answer(link, (900.0, 950.0, 0.0))

@@ -6,7 +6,7 @@ import pytest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.edits import set_value, shared_nodes
-from sketchterrain.features.table import AREA, LINE, Feature, VectorLayer
+from sketchterrain.features.table import AREA, LINE, Feature, FeatureTable
 from sketchterrain.ui import commands
 from sketchterrain.ui.engine.placer import place_of_finding
 from sketchterrain.ui.engine.protocol import Placement
@@ -33,7 +33,7 @@ def ways(blank):
         "railway": line((600, 600), (600, 900)),
         "path": line((600, 600), (700, 300)),
     }
-    layers = {name: VectorLayer(name).edited(add=[each]) for name, each in added.items()}
+    layers = {name: FeatureTable(name).edited(add=[each]) for name, each in added.items()}
     blank.open(blank.sketch.replace(vectors=layers))
     return blank
 
@@ -208,7 +208,7 @@ def test_a_layer_without_an_image_is_listed_cleared_and_picked(canvas, workspace
     assert len(changed.vectors["path"]) == 0
     workspace.set_look("railway", locked=True)
     with pytest.raises(InputError, match="locked"):
-        features.change_features(ways, workspace, "Clear", Selection("railway", 1), VectorLayer("railway"))
+        features.change_features(ways, workspace, "Clear", Selection("railway", 1), FeatureTable("railway"))
 
 
 def test_findings_about_roads_are_listed_with_their_place(ways, workspace, link, placed, show_widget):

@@ -18,7 +18,7 @@ from sketchterrain.document.rasters import RasterSource
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch, save_sketch
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.features.table import LINE, Feature, VectorLayer
+from sketchterrain.features.table import LINE, Feature, FeatureTable
 from sketchterrain.generation import stages
 from sketchterrain.generation.building import make_recipe
 from sketchterrain.generation.stages import fingerprint
@@ -149,8 +149,8 @@ def test_insufficient_disk_or_memory_is_refused(
 ROOT = Path(__file__).parents[2]
 
 
-def road(*points: tuple[float, float]) -> dict[str, VectorLayer]:
-    return {"road": VectorLayer("road").edited(add=[Feature(LINE, (np.array(points),))])}
+def road(*points: tuple[float, float]) -> dict[str, FeatureTable]:
+    return {"road": FeatureTable("road").edited(add=[Feature(LINE, (np.array(points),))])}
 
 
 ROAD = road((10.0, 20.0), (300.0, 400.0))

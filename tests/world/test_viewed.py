@@ -11,7 +11,7 @@ from PIL import Image
 from sketchterrain.app.cli import main
 from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.generation.building import build, make_recipe
 from sketchterrain.generation.terrain import Terrain
 from sketchterrain.look.objects import terrain_objects
@@ -348,7 +348,7 @@ def test_inconsistent_view_options_are_refused(options, message, capsys):
 def test_appearance_is_stored_as_evaluated(form, small_job, tmp_path, reporter) -> None:
     """Of two shards at two levels, bit for bit."""
     fields = shapely.box([-5.0, 101.0], [20.0, 35.0], [101.0, 300.0], [140.0, 240.0])
-    layer = VectorLayer.from_shapes("landuse", fields)
+    layer = FeatureTable.from_shapes("landuse", fields)
     sketch = small_job.sketch.replace(vectors={"landuse": layer})
     world = World(-20.0, 60.0, 400.0, 64.0, 0.125)
     job = replace(

@@ -12,7 +12,7 @@ from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF,
 from sketchterrain.array_types import Int64Array
 from sketchterrain.features.edits import shared_nodes
 from sketchterrain.features.picking import outlines_of
-from sketchterrain.features.table import AREA, LINE, POINT, VectorLayer
+from sketchterrain.features.table import AREA, LINE, POINT, FeatureTable
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.drapes import PictureWindow, draw_items
 from sketchterrain.ui.canvas.marks import SELECTED, draw_haloed, screen_paths, world_box
@@ -104,7 +104,7 @@ def draw_vectors(painter: QPainter, context: ToolContext, area: QRectF) -> None:
 
 
 def _draw_small(
-    context: ToolContext, painter: QPainter, area: QRectF, layer: VectorLayer, classes: Int64Array
+    context: ToolContext, painter: QPainter, area: QRectF, layer: FeatureTable, classes: Int64Array
 ) -> Int64Array:
     """Draw small areas as squares in the colours of their classes; return the indices of the others."""
     import shapely

@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # GDAL and shapely take a quarter of a second
     from sketchterrain.drape.drapes import Drapes
     from sketchterrain.drape.raster_source import DrapedRaster
     from sketchterrain.drape.vector_source import VectorSource
-    from sketchterrain.features.table import VectorLayer
+    from sketchterrain.features.table import FeatureTable
     from sketchterrain.ui.models.document import Document  # which reads drapes
 
 _GOLDEN: Final = 0.618034  # of the circle of hues, from one colour to the next
@@ -60,7 +60,7 @@ class DrapeSources(QObject):
         current = self.current
         return None if current is None or number >= len(current.sources) else current.sources[number]
 
-    def table(self, number: int) -> VectorLayer | None:
+    def table(self, number: int) -> FeatureTable | None:
         """Return the features of a layer; None unless it is a vector file that is read."""
         return _table(self.current, number)
 
@@ -101,7 +101,7 @@ class DrapeSources(QObject):
         self.changed.emit()
 
 
-def _table(drapes: Drapes | None, number: int) -> VectorLayer | None:
+def _table(drapes: Drapes | None, number: int) -> FeatureTable | None:
     """Return the features of a layer of drapes; None unless it is a known vector layer."""
     with suppress(InputError):
         return None if drapes is None else drapes.table(number)

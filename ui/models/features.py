@@ -16,7 +16,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features import edits
 from sketchterrain.features.picking import PICK, nearest_place, outlines_of, snapped
-from sketchterrain.features.table import AREA, DRAPED, LINE, POINT, Feature, VectorLayer, on_grid
+from sketchterrain.features.table import AREA, DRAPED, LINE, POINT, Feature, FeatureTable, on_grid
 from sketchterrain.geometry.splines import drop_repeats
 from sketchterrain.schema.layers import LAYERS, VECTOR_ORDER, storey
 from sketchterrain.schema.parameters import Value
@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # it takes a quarter of a second
 LEAST_WIDTH: Final = 1.5
 """Logical px of a line on the canvas."""
 
-_looks: dict[str, tuple[VectorLayer, object, tuple[Float64Array, Int64Array]]] = {}
+_looks: dict[str, tuple[FeatureTable, object, tuple[Float64Array, Int64Array]]] = {}
 """Widths and classes of layers in use, with their labels."""
 
 _ON_LINE = 0.01  # m
@@ -50,7 +50,7 @@ class SelectedFeature:
     """A feature of the sketch's own or of a draped layer, its handles, and what becomes of them."""
 
     sketch: Sketch
-    table: VectorLayer
+    table: FeatureTable
     selection: Selection
 
     @classmethod
@@ -61,7 +61,7 @@ class SelectedFeature:
         sketch = sketch or document.sketch
         if selection is None or selection.is_placed:
             return None
-        table: VectorLayer | None = (
+        table: FeatureTable | None = (
             document.drapes.table(selection.layer) if selection.is_draped else sketch.vectors[selection.kind]
         )
         return None if table is None or selection.id not in table else cls(sketch, table, selection)
@@ -211,12 +211,12 @@ def refusal(document: Document, workspace: Workspace, selection: Selection) -> s
     return workspace.refusal(selection.kind)
 
 
-def network_of(sketch: Sketch, name: str) -> list[VectorLayer]:
+def network_of(sketch: Sketch, name: str) -> list[FeatureTable]:
     """Return the layers that share nodes with a layer, itself first."""
     return [sketch.vectors[each] for each in edits.network_layers(name)]
 
 
-def tables_near(document: Document, selection: Selection) -> Sequence[VectorLayer]:
+def tables_near(document: Document, selection: Selection) -> Sequence[FeatureTable]:
     """Return the layers that the vertices of a layer snap to."""
     if selection.is_draped:
         table = document.drapes.table(selection.layer)
@@ -224,7 +224,7 @@ def tables_near(document: Document, selection: Selection) -> Sequence[VectorLaye
     return network_of(document.sketch, selection.kind)
 
 
-def with_tables(sketch: Sketch, selection: Selection, *tables: VectorLayer) -> Sketch:
+def with_tables(sketch: Sketch, selection: Selection, *tables: FeatureTable) -> Sketch:
     """Return the sketch with other layers in place of that of a feature, and of its network."""
     if selection.is_draped:
         layer = sketch.drapes[selection.layer].replace(edits=tables[0].edits)
@@ -237,7 +237,7 @@ def change_features(
     workspace: Workspace,
     title: str,
     selection: Selection,
-    *tables: VectorLayer,
+    *tables: FeatureTable,
     merge: Hashable | None = None,
 ) -> None:
     """Record a step that replaces the layers of a feature and its network; raise InputError if it may not."""
@@ -253,12 +253,12 @@ def change_features(
         document.do(title, with_tables(document.sketch, selection, *changed), merge=merge)
 
 
-def widths_of(sketch: Sketch, layer: VectorLayer) -> Float64Array:
+def widths_of(sketch: Sketch, layer: FeatureTable) -> Float64Array:
     """Return the width of each line of a layer (m), 0 of the rest."""
     return looks_of(sketch, layer)[0]
 
 
-def looks_of(sketch: Sketch, layer: VectorLayer) -> tuple[Float64Array, Int64Array]:
+def looks_of(sketch: Sketch, layer: FeatureTable) -> tuple[Float64Array, Int64Array]:
     """Return the width of each line of a layer (m), 0 of the rest, and the number of its class."""
     name = layer.layer
     if name not in _looks or _looks[name][0] is not layer or _looks[name][1] != sketch.labels:
@@ -269,7 +269,7 @@ def looks_of(sketch: Sketch, layer: VectorLayer) -> tuple[Float64Array, Int64Arr
     return _looks[name][2]
 
 
-def _classes_of(sketch: Sketch, layer: VectorLayer) -> Int64Array:
+def _classes_of(sketch: Sketch, layer: FeatureTable) -> Int64Array:
     look = LAYERS[layer.layer]
     known = [each.value for each in look.classes]
     if not look.by:
@@ -283,7 +283,7 @@ def _classes_of(sketch: Sketch, layer: VectorLayer) -> Int64Array:
     return np.asarray((values[:, None] < np.array(known)).sum(axis=1))
 
 
-def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[VectorLayer]:
+def visible_vectors(sketch: Sketch, workspace: Workspace) -> list[FeatureTable]:
     """Return the visible layers that have vectors, from bottom to top."""
     names = [name for name in VECTOR_ORDER if workspace.look(name).visible]
     return [sketch.vectors[name] for name in names if len(sketch.vectors[name])]
@@ -330,8 +330,8 @@ def snap(
 
 
 def with_nodes(
-    layer: VectorLayer, places: Float64Array, *, other_than: tuple[float, float] | None = None
-) -> VectorLayer:
+    layer: FeatureTable, places: Float64Array, *, other_than: tuple[float, float] | None = None
+) -> FeatureTable:
     """Return the layer with vertices at those of some positions (m) that are on its lines and borders.
 
     `other_than`: not in features that have a node at a position.
@@ -354,13 +354,13 @@ def with_nodes(
     return layer
 
 
-def with_feature(sketch: Sketch, name: str, feature: Feature) -> list[VectorLayer]:
+def with_feature(sketch: Sketch, name: str, feature: Feature) -> list[FeatureTable]:
     """Return the layers of a network, `name` first, with another feature, joined where it touches others.
 
     Roads, railways and paths are also joined where they cross at one level, areas where they touch.
     """
     layers = network_of(sketch, name)
-    own = VectorLayer(name).edited(add=[feature])
+    own = FeatureTable(name).edited(add=[feature])
     if feature.kind == AREA:
         own = with_nodes(own, np.concatenate([_vertices_on(own, layer) for layer in layers]))
     if LAYERS[name].kind == "way":
@@ -369,7 +369,7 @@ def with_feature(sketch: Sketch, name: str, feature: Feature) -> list[VectorLaye
     return [first.edited(add=[replace(own.feature(1), id=0)]), *others]
 
 
-def _vertices_on(own: VectorLayer, layer: VectorLayer) -> Float64Array:
+def _vertices_on(own: FeatureTable, layer: FeatureTable) -> Float64Array:
     """Return the vertices of a layer on the lines and borders of a small one, (n, 2), m."""
     import shapely
 
@@ -381,7 +381,7 @@ def _vertices_on(own: VectorLayer, layer: VectorLayer) -> Float64Array:
     return np.asarray(places[shapely.dwithin(shapely.points(places), border, _ON_LINE)])
 
 
-def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) -> Float64Array:
+def _crossings(sketch: Sketch, own: FeatureTable, layers: Sequence[FeatureTable]) -> Float64Array:
     """Return where a new line crosses those at its level, away from its vertices, (n, 2), m."""
     import shapely
 
@@ -398,7 +398,7 @@ def _crossings(sketch: Sketch, own: VectorLayer, layers: Sequence[VectorLayer]) 
     return np.asarray(places[~near])
 
 
-def _storeys(sketch: Sketch, layer: VectorLayer, rows: list[int]) -> list[int]:
+def _storeys(sketch: Sketch, layer: FeatureTable, rows: list[int]) -> list[int]:
     """Return the levels of some ways; those of bridges and tunnels follow from that unless they are given."""
     labels = layer.labels[rows].tolist()
     values = [
@@ -453,7 +453,7 @@ def delete_feature(document: Document, workspace: Workspace) -> None:
 Command: TypeAlias = Callable[[Document, Workspace], None]
 
 
-def _command(title: str, change: Callable[[VectorLayer, Selection], VectorLayer]) -> Command:
+def _command(title: str, change: Callable[[FeatureTable, Selection], FeatureTable]) -> Command:
     def command(document: Document, workspace: Workspace) -> None:
         own = SelectedFeature.find(document, workspace.selection)
         if own is not None:
@@ -517,9 +517,9 @@ def draw(
     if len(places) < _LEAST[kind]:
         raise InputError(f"{title[:1].upper()}{title[1:]}: expected {_LEAST[kind]} points or more")
     feature = Feature(kind, (places,), label, {"smooth": 1} if smooth else {})
-    before: Sequence[VectorLayer] = tables_near(document, target)
+    before: Sequence[FeatureTable] = tables_near(document, target)
     if target.is_draped:
-        tables: Sequence[VectorLayer] = [table.edited(add=[feature]) for table in before]
+        tables: Sequence[FeatureTable] = [table.edited(add=[feature]) for table in before]
     else:
         tables = with_feature(document.sketch, target.kind, feature)
     what = {POINT: "a point", LINE: "a line", AREA: "an area"}[kind]

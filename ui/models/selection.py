@@ -11,7 +11,7 @@ from sketchterrain.array_types import Float64Array, StructuredArray
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.features.picking import snapped
-from sketchterrain.features.table import VectorLayer
+from sketchterrain.features.table import FeatureTable
 from sketchterrain.landforms.placement.feature_types import (
     FEATURE_TYPES,
     River,
@@ -219,7 +219,7 @@ class FeatureDrag:
             self.problem = str(error)
 
     @cached_property
-    def _tables(self) -> Sequence[VectorLayer]:
+    def _tables(self) -> Sequence[FeatureTable]:
         return features.tables_near(self._document, self.handle.selection)
 
     def finish(self) -> None:

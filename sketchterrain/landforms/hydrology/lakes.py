@@ -35,7 +35,7 @@ from sketchterrain.stages.runner import Runner
 if TYPE_CHECKING:
     from sketchterrain.document.label_layers import LabelImage
     from sketchterrain.document.sketch import Sketch
-    from sketchterrain.features.table import VectorLayer
+    from sketchterrain.features.table import FeatureTable
 
 Runs: TypeAlias = list[tuple[int, int, int]]
 """First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""
@@ -246,7 +246,7 @@ def _with_fans(field: ShapeField, mouths: Sequence[Sequence[float]], seed: int) 
     return dataclasses.replace(field, inside=rounded(inside, _FIELD_STEP).astype(np.float32))
 
 
-def _area_outlines(areas: VectorLayer, pixel_size: float) -> list[_LakeOutline]:
+def _area_outlines(areas: FeatureTable, pixel_size: float) -> list[_LakeOutline]:
     """Return the outlines of the lakes from vectors."""
     depths = areas.columns.get("depth", np.full(len(areas), np.nan))
     margin = max(_MARGIN_PIXELS * pixel_size, _MARGIN)

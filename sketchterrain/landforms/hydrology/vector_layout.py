@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.document.label_layers import LabelImage, freeze_image, labels_in
-from sketchterrain.features.table import AREA, VectorLayer
+from sketchterrain.features.table import AREA, FeatureTable
 from sketchterrain.landforms.hydrology.courses import LAKE_GAP, RiverCourse, part_of_course
 from sketchterrain.landforms.hydrology.lakes import WaterPixels
 from sketchterrain.landforms.hydrology.layout import best_mouth, end_heights, lay_out_rivers
@@ -207,7 +207,7 @@ def _painted(sketch: Sketch, name: str, selected: BoolArray | None = None, label
     return freeze_image(image)
 
 
-def _paths(layer: VectorLayer, index: int) -> list[Float64Array]:
+def _paths(layer: FeatureTable, index: int) -> list[Float64Array]:
     if layer.kinds[index] == AREA:
         return [layer.ring(number) for number in range(*layer.parts[index : index + 2])]
     return [line_path(layer, index)]

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
-from sketchterrain.features.table import AREA, LINE, STEP, VectorLayer
+from sketchterrain.features.table import AREA, LINE, STEP, FeatureTable
 from sketchterrain.geometry.hashing import rounded
 from sketchterrain.geometry.splines import sample_catmull_rom
 from sketchterrain.landforms.hydrology.courses import (
@@ -52,7 +52,7 @@ def line_tolerance(sketch: Sketch) -> float:
     return _TOLERANCE + _LOOSE_PIXELS * (1.0 - sketch.fidelity) * sketch.pixel_size
 
 
-def line_path(layer: VectorLayer, index: int) -> Float64Array:
+def line_path(layer: FeatureTable, index: int) -> Float64Array:
     """Return the curve of a line, (n, 2) m: its vertices, or samples of the smooth curve through them."""
     points = layer.ring(int(layer.parts[index]))
     if "smooth" not in layer.columns or layer.columns["smooth"][index] != 1:
@@ -115,7 +115,7 @@ class LineNetwork:
         return nodes, split_paths(length, next_node, weighted, np.full(len(nodes), spur))
 
 
-def line_networks(layer: VectorLayer, widths: Float64Array) -> list[LineNetwork]:
+def line_networks(layer: FeatureTable, widths: Float64Array) -> list[LineNetwork]:
     """Return the networks of a layer's lines, in the order of their first ones; `widths` are of features, m.
 
     Lines that share a vertex are connected, and so is an end in the bed of another line.
@@ -278,7 +278,7 @@ def line_sizes(sketch: Sketch) -> tuple[Float64Array, Float64Array]:
     return np.where(widths > 0.0, np.maximum(widths, 0.5), default), depths
 
 
-def _course_id(layer: VectorLayer, lines: Int64Array, taken: set[int]) -> int:
+def _course_id(layer: FeatureTable, lines: Int64Array, taken: set[int]) -> int:
     """Return the id of a course: that of its first line, with a number if another one has it."""
     name = id_of_vector("river", int(layer.ids[lines[0]]))
     while name in taken:
@@ -287,7 +287,7 @@ def _course_id(layer: VectorLayer, lines: Int64Array, taken: set[int]) -> int:
     return name
 
 
-def _grows(layer: VectorLayer, lines: Int64Array) -> bool:
+def _grows(layer: FeatureTable, lines: Int64Array) -> bool:
     """Return whether a river widens downstream: none of its lines has a width of its own."""
     column = layer.columns.get("width")
     return column is None or bool(np.isnan(np.asarray(column, dtype=np.float64)[lines]).all())
@@ -365,7 +365,7 @@ def _exit(sketch: Sketch, path: Float64Array, width: float) -> tuple[float, floa
     return edge_normal(gaps, run[0], run[1], 0.5 * width + EDGE_GAP * sketch.pixel_size)
 
 
-def areas_without_axes(layer: VectorLayer) -> BoolArray:
+def areas_without_axes(layer: FeatureTable) -> BoolArray:
     """Return which features are areas of rivers without an axis: a line that runs through them."""
     import shapely
 

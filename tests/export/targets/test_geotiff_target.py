@@ -13,7 +13,7 @@ from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.planning import checked_plan
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.vectors import ExportLayer, Origin, geopackage, lake_layer
-from sketchterrain.features.table import VectorLayer as Drawn
+from sketchterrain.features.table import FeatureTable as Drawn
 from sketchterrain.importing.vectors import sketch_from_vectors
 from sketchterrain.landforms.placement.feature_types import Lake, ShapeField
 from tests.export.exporting import export

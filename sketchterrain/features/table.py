@@ -544,13 +544,6 @@ class FeatureTable(InPieces):
             return False
         return True
 
-    def index(self, name: int) -> int:
-        """Return the index of a feature by its id; raise InputError for an unknown one."""
-        found = np.flatnonzero(self.ids == name)
-        if not len(found):
-            raise _missing(name)
-        return int(found[0])
-
     def feature(self, name: int) -> Feature:
         """Return a feature by its id; raise InputError without one."""
         if name in self.edits:

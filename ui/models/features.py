@@ -128,7 +128,7 @@ class SelectedFeature:
         layer, line = self.table, self.shape
         half = 0.0
         if layer.layer != DRAPED:
-            half = 0.5 * float(widths_of(self.sketch, layer)[layer.index(self.selection.id)])
+            half = 0.5 * float(widths_of(self.sketch, layer)[layer.ids == self.selection.id].item())
         if not half:
             return ()
         (x, y), (to_x, to_y) = (

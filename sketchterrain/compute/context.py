@@ -258,14 +258,21 @@ class ComputeContext:
         if has_src_build_cache(self.device.handle):
             return None
         keys = [_storage_key(*self._key(*program)) for program in programs]
-        missing = [number for number, key in enumerate(keys) if not is_cached("program", key)]
+        missing = [
+            number
+            for number, key in enumerate(keys)
+            if key not in _COMPILERS and not is_cached("program", key)
+        ]
         if not missing:
             return None
         index = (self.device.twin_of or self.device).index
         request = [index, self.real, self.fast, [programs[number] for number in missing]]
         command = module_command("sketchterrain.compute.context", json.dumps(request))
         null = subprocess.DEVNULL
-        child = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)  # noqa: S603
+        try:
+            child = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)  # noqa: S603
+        except OSError:  # no memory or no right to start one: launches compile
+            return None
         _COMPILERS.update({keys[number]: child for number in missing})
         return child
 

@@ -214,3 +214,15 @@ def test_a_cancelled_export_leaves_nothing(qtbot, opened, tmp_path):
     assert list((tmp_path / "out").iterdir()) == []
     dialog.reject()
     assert dialog.isHidden()
+
+
+@pytest.mark.slow
+def test_an_unwritable_folder_is_reported(qtbot, opened, tmp_path):
+    (tmp_path / "file").write_text("")
+    dialog = opened()
+    dialog.path_field.setText(str(tmp_path / "file" / "out"))
+    dialog._export()
+    with qtbot.waitSignal(dialog.job.failed) as signal:
+        pass
+    assert "cannot be written" in signal.args[0]
+    qtbot.waitUntil(lambda: not dialog.job.is_running)

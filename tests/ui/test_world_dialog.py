@@ -174,3 +174,18 @@ def test_a_failure_is_shown_and_the_dialog_can_be_used_again(opened, monkeypatch
     assert dialog.hint.text() == "it holds other files"
     assert dialog.accept_button.isVisible()
     assert dialog.accept_button.text() == "Estimate"
+
+
+@pytest.mark.slow
+def test_foreign_files_at_the_output_are_refused_and_unchanged(qtbot, opened, tmp_path):
+    (tmp_path / "world.zarr").mkdir()
+    (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
+    dialog = opened()
+    dialog.accept_button.click()
+    with qtbot.waitSignal(dialog.job.failed) as result:
+        pass
+    assert "holds other files" in result.args[0]
+    assert dialog.hint.text() == result.args[0]
+    assert dialog.accept_button.text() == "Estimate"
+    qtbot.waitUntil(lambda: not dialog.job.is_running)
+    assert [each.name for each in (tmp_path / "world.zarr").iterdir()] == ["mine.txt"]

@@ -194,6 +194,16 @@ def test_broken_ledger_is_repaired(how, job, copied, reporter, finished_world, t
     assert tree(copied) == tree(finished_world)
 
 
+def test_truncated_journal_is_resumed(job, reporter, finished_world, tree) -> None:
+    interrupt(job, reporter, 5)
+    journal = job.output / "ledger/journal.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-20])
+    assert interrupt(job, type(reporter)(), 1, resume=True).counts == [(TASKS, 4)]
+    assert interrupt(job, type(reporter)(), 1, resume=True).counts == [(TASKS, 5)]
+    assert run_world(job, resume=True, reporter=type(reporter)()).computed == TASKS - 6
+    assert tree(job.output) == tree(finished_world)
+
+
 def test_partial_and_damaged_files_of_killed_run_are_replaced(job, reporter, finished_world, tree) -> None:
     interrupt(job, reporter, 8)
     name = reporter.done[6].files[0].file

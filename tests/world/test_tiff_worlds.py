@@ -190,6 +190,31 @@ def test_world_is_bit_equal_to_terrain(small_job, form: str, tmp_path, reporter,
     assert tree(tmp_path) == written
 
 
+@pytest.mark.slow
+def test_run_interrupted_while_joining_is_resumed(small_job, tmp_path, reporter, tree) -> None:
+    class _StoppedError(Exception):
+        pass
+
+    def stop(share: float) -> None:
+        if share > 0.3:  # the heights are whole, the normals are not
+            raise _StoppedError
+
+    job = replace(small_job, output=tmp_path / "a" / "world.tif", form="tif")
+    other = replace(job, output=tmp_path / "b" / "world.tif")
+    for each in (job, other):
+        each.output.parent.mkdir()
+    reporter.joined, calm = stop, reporter.joined
+    with pytest.raises(_StoppedError):
+        run_world(job, reporter=reporter)
+    assert joined(job, "height").is_file()
+    assert not joined(job, "normal").exists()
+    reporter.joined = calm
+    done = run_world(job, resume=True, reporter=reporter)
+    assert done.computed == 0
+    run_world(other, reporter=reporter)
+    assert tree(tmp_path / "a") == tree(tmp_path / "b")
+
+
 def _overview(level: GridLevel) -> dict[str, int]:
     return {"overview_level": level.number - 1} if level.number else {}
 

@@ -284,7 +284,7 @@ class StatusLine(QWidget):
 
 
 def _milliseconds(seconds: float) -> str:
-    return f"{round(1000 * seconds)} ms"
+    return f"{round(1000 * seconds)} ms" if seconds < 9.9995 else f"{seconds:.0f} s"
 
 
 def _show(label: QElidingLabel, text: str) -> None:

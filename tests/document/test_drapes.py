@@ -128,7 +128,7 @@ def former_settings(sketch: Sketch, version: int) -> bytes:
 @pytest.mark.parametrize("version", [1, 2])
 def test_edits_of_former_formats_are_converted_without_loss(tmp_path, version):
     rng = np.random.default_rng(version)
-    for number, name in enumerate([*preset_names(), *[""] * 8]):
+    for number, name in enumerate([*preset_names(), *[""] * 50]):
         document = random_document(rng, own_folder=tmp_path)
         drapes = (*document.drapes, layer())
         sketch = load_sketch(name).replace(drapes=drapes) if name else Sketch(drapes=drapes)

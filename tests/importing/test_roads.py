@@ -256,3 +256,15 @@ def test_odd_and_damaged_ways_are_skipped_or_refused(tmp_path) -> None:
         path.write_bytes(whole[:length])
         with suppress(InputError):
             sketch_from_vectors(path, size_px=8)
+
+
+def test_gis_files_of_any_format_give_the_same_roads(tmp_path) -> None:
+    shapes = shapely.linestrings([[(0, 0), (400, 100)], [(400, 100), (900, 900)]])
+    fields = {"highway": ["primary", "track"], "bridge": ["yes", None]}
+    found = []
+    for suffix in (".gpkg", ".geojson", ".shp"):
+        path = write_vectors(tmp_path / f"a{suffix}", shapes, fields)
+        found.append(sketch_from_vectors(path, size_px=32).sketch.vectors["road"])
+    assert len({content_of(each) for each in found}) == 1
+    assert found[0].properties([0, 1]) == [{"structure": "bridge"}, {}]
+    assert found[0].shapes()[1].coords[0] == found[0].shapes()[0].coords[1] == (400.0, 100.0)

@@ -113,7 +113,7 @@ def test_undoing_thirty_times_leaves_the_terrain_as_it_was(context) -> None:
     first = terrain = build(sketch, device=context, memory=memory)
     key = [(9, *(int(each // (sketch.extent / 2**9)) for each in node))]
     first.tiles(key)
-    for turn in range(60):
+    for turn in range(200):
         terrain, areas = rebuild(terrain, moved if turn % 2 == 0 else sketch)
         assert 0 < len(areas) <= 3
     index = terrain.recipe[LandUseLayer].index(terrain.recipe.world).boxes

@@ -194,7 +194,7 @@ def test_updates_hold_the_stroke_as_it_was(small_document, builder):
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
 def test_the_other_end_follows_strokes_undo_settings_and_other_documents(small_document, builder, ends, seed):
     rng, (one, other) = np.random.default_rng(seed), ends
-    for turn in range(60):
+    for turn in range(200):
         choice = int(rng.integers(0, 7))
         if choice <= 2:
             layer, (top, left) = str(rng.choice(list(PAINTED_LAYERS))), rng.integers(0, (30, 50)).tolist()

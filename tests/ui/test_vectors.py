@@ -378,3 +378,23 @@ def test_the_list_of_layers_counts_vectors(rivers, workspace, show_widget):
     panel.clear_layer()
     assert len(layer_of(rivers)) == 0
     assert not panel.clear.isEnabled()
+
+
+def test_split_join_and_reverse_are_one_step_each(rivers, workspace):
+    def run(name):
+        features.FEATURE_COMMANDS[name](rivers, workspace)
+
+    workspace.selection = Selection("river", 1, 1)
+    run("split-line")
+    assert len(layer_of(rivers)) == 3
+    assert workspace.selection == Selection("river", 1)
+    run("join-lines")
+    assert places(rivers, 1) == [[200, 600], [400, 640], [600, 600]]
+    run("reverse-line")
+    assert places(rivers, 1)[0] == [600, 600]
+    assert steps(rivers) == ("Split a line of rivers", "Join lines of rivers", "Reverse a line of rivers")
+    with pytest.raises(InputError, match="between its ends"):
+        run("split-line")
+    workspace.set_look("river", locked=True)
+    with pytest.raises(InputError, match="locked"):
+        run("delete-selection")

@@ -285,7 +285,7 @@ def test_missing_shard_is_reported(copy):
 def test_any_damaged_byte_is_detected(written, copy):
     content, world, rng = (written / SECOND).read_bytes(), open_world(copy), random.Random(5)
     index = range(len(content) - 1028, len(content))
-    for place in [0, *rng.sample(range(len(content)), 6), *rng.sample(index, 4), len(content) - 1]:
+    for place in [0, *rng.sample(range(len(content)), 12), *rng.sample(index, 8), len(content) - 1]:
         damaged = bytearray(content)
         damaged[place] ^= 1 << rng.randrange(8)
         (copy / SECOND).write_bytes(damaged)

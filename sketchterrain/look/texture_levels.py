@@ -24,13 +24,12 @@ from sketchterrain.schema.materials import BUILT_IN, MaterialTable, Texture
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import numpy.typing as npt
-
-    from sketchterrain.array_types import Float32Array, UInt8Array
+    from sketchterrain.array_types import Float32Array
     from sketchterrain.compute.context import ComputeContext
 
-    Array = npt.NDArray[Any]
+    ContextFactory = Callable[[], ComputeContext]
 
+Array = npt.NDArray[Any]
 
 SOURCE: Final = "material_textures.cl"
 _CASES = " ".join(f"case {index}: return {name}(u, v);" for index, name in enumerate(BUILT_IN.layers))
@@ -103,12 +102,6 @@ def decode_level(colour: UInt8Array, relief: UInt8Array) -> tuple[Array, Array]:
     return painted, np.concatenate([-flat / up, bytes_[..., 2:]], axis=-1)
 
 
-if TYPE_CHECKING:
-    from sketchterrain.compute.context import ComputeContext
-
-    ContextFactory = Callable[[], ComputeContext]
-
-
 SUFFIX_FIELDS: Final = {"": "albedo", "_height": "height", "_normal": "slopes", "_roughness": "roughness"}
 """Suffixes of a material's name, and what they hold."""
 SUFFIXES: Final = (".png", ".jpg", ".jpeg")
@@ -116,7 +109,6 @@ _STEEPEST: Final = 8.0  # largest slope of a normal map
 _LARGEST: Final = 16384  # largest side, px
 
 
-Array = npt.NDArray[Any]
 MaterialImages = dict[str, Array]
 """Images of a material by `SUFFIX_FIELDS`, row 0 south: albedo linear, slopes eastward and northward."""
 

@@ -2,8 +2,8 @@
 
 import re
 import socket
+import sys
 import threading
-from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -17,18 +17,22 @@ from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.generation import building as from_sketch
 from sketchterrain.generation.building import make_recipe
-from sketchterrain.generation.stages import STAGES
 from sketchterrain.jobs import estimates
+from sketchterrain.ui.engine import channel as channel_module
 from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine import placer as placer_module
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel, ContentChannel
+from sketchterrain.ui.engine.channel import Channel, ContentChannel, UpdateBuilder, start_process
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.placer import CancellationPolicy, Placer, Superseded
 from sketchterrain.ui.engine.terrain_session import TerrainSession
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.features import SelectedFeature
+from sketchterrain.ui.models.selection import FeatureDrag
+from sketchterrain.ui.models.workspace import Selection
 from tests.devices import KNOWN, needs_known_device
 
 
@@ -531,21 +535,53 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
     assert isinstance(placer.placed(Sketch(extent=2000.0), {"mountain": blob(22)}), msg.Placement)
 
 
+_RECORDING = """
+import sys
+from pathlib import Path
+from sketchterrain.generation.stages import STAGES
+from sketchterrain.ui.engine import placer
+from sketchterrain.ui.engine.channel import ContentChannel
+
+class Recorder(placer.Placer):
+    first = None
+    def _place(self, version, sketch):
+        super()._place(version, sketch)
+        if self.first is None:
+            self.first = self._last
+        rivers = [each.sketch.vectors["river"] for each in (self.first, self._last)]
+        changed = [name for name in STAGES if self._last[name] is not self.first[name]]
+        changed += ["vectors.river"] * (rivers[0] is not rivers[1])
+        Path(sys.argv[3]).write_text(" ".join(changed))
+
+Recorder(*(ContentChannel.from_descriptor(int(number), patient=False) for number in sys.argv[1:3])).run()
+"""
+
+
 @pytest.mark.slow
-def test_ten_edits_of_a_road_leave_the_natural_terrain_as_it_is(placer):
-    placer.window = ContentChannel(placer.window._socket)
-    placer.thread.start()
-    sketch = load_sketch("andorra")
-    assert isinstance(placer.placed(sketch, sketch.layers), msg.Placement)
-    before = placer.served._last
-    road = sketch.vectors["road"]
-    for step in range(1, 11):
-        vertices = road.vertices.copy()
-        vertices[len(vertices) // 2] += step
-        changed = sketch.replace(vectors={**sketch.vectors, "road": replace(road, vertices=vertices)})
-        assert isinstance(placer.placed(changed, sketch.layers), msg.Placement)
-    after = placer.served._last
-    assert after["roads"] is not before["roads"]
-    assert after.sketch.vectors["river"] is before.sketch.vectors["river"]
-    others = [name for name in STAGES if name not in ("files", "roads", "recipe")]
-    assert [name for name in others if after[name] is not before[name]] == []
+def test_ten_drags_of_a_road_leave_the_natural_terrain_as_it_is(qapp, monkeypatch, tmp_path):
+    command = [sys.executable, "-P", "-c", _RECORDING]
+    monkeypatch.setattr(channel_module, "module_command", lambda _, *arguments: [*command, *arguments])
+    saved, (window, window_end), (engine, engine_end) = (
+        tmp_path / "changed",
+        *(socket.socketpair() for _ in "12"),
+    )
+    ends = [window_end, engine_end]
+    child = start_process("placer", [*(str(end.fileno()) for end in ends), str(saved)], ends)
+    document, placed, link = Document(load_sketch("andorra")), [], ContentChannel(window)
+    updates, road = UpdateBuilder(document), int(document.sketch.vectors["road"].ids[7])
+    for number in range(11):
+        if number:
+            handles = SelectedFeature.find(document, Selection("road", road)).vertex_handles
+            drag = FeatureDrag(document, placed[-1], handles[len(handles) // 2])
+            drag.to(drag.handle.x + 3.0, drag.handle.y)
+            drag.finish()
+        link.send(updates.next()[0])
+        while not isinstance(message := link.receive(), msg.Placement):
+            assert not isinstance(message, msg.ErrorReport), message.line
+        placed.append(message)
+    assert placed[0].roads != placed[-1].roads
+    link.send(msg.Quit())
+    assert child.wait(300.0) == 0
+    assert saved.read_text().split() == ["files", "roads", "recipe"]
+    for end in (link, engine):
+        end.close()

@@ -15,7 +15,7 @@ from PIL import Image
 import sketchterrain as st
 from sketchterrain.document.drapes import draped_layer
 from sketchterrain.drape.drapes import Drapes
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.sky import Weather
 

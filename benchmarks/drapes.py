@@ -41,7 +41,7 @@ from sketchterrain.features.edits import with_places
 from sketchterrain.features.levels import Level
 from sketchterrain.features.picking import PICK
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.offscreen import canvas
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

@@ -29,8 +29,8 @@ from sketchterrain.elevation.grids import ElevationGrid
 from sketchterrain.elevation.selection import Patchwork
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.importing.elevation import sketch_on_elevation
-from sketchterrain.render.camera import Camera
 from sketchterrain.terrain.layers.base import PatchSlotBuffers
 
 SEED = 1

@@ -26,11 +26,11 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.resources import preset_names
 from sketchterrain.look.texture_levels import emboss, paint_layer
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture, render_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

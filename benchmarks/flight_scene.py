@@ -17,7 +17,7 @@ from sketchterrain.compute.context import ComputeContext
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.terrain.surfaces import vertex_dtype
 from sketchterrain.tiles.lod import CameraView, ScreenError, inside_frustum, morph_weights

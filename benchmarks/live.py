@@ -38,8 +38,8 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
 from sketchterrain.generation.building import build
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES
-from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.models.features import SelectedFeature
 from sketchterrain.ui.models.painting import Stroke

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.array_types import BoolArray, Float32Array
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.files import write_atomic
 from sketchterrain.io.system import module_command
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

@@ -15,8 +15,8 @@ from sketchterrain.array_types import Bounds, Float64Array, StructuredArray
 from sketchterrain.benchmarks.plotting import BLUE, INK, SMALL, VERMILION, new_figure
 from sketchterrain.benchmarks.report import Row, Table, samples_of
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.appearance import AppearanceTextures
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import QUAD, QUAD_PER_TOLERANCE, view_of
 from sketchterrain.render.quality import Quality, TimeBudget
 from sketchterrain.terrain.surfaces import vertex_dtype

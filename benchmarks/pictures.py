@@ -20,7 +20,7 @@ from sketchterrain.benchmarks.timing import run_program, spread
 from sketchterrain.document.store import load_sketch
 from sketchterrain.errors import DeviceError
 from sketchterrain.generation.building import build
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import close_context, open_context
 from sketchterrain.render.quality import Quality

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.errors import InputError
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 
 _PAIRS = 1 << 20  # of a triangle and a sample, looked at together
 _NEAREST = 1e-6  # m ahead of the eye

@@ -27,8 +27,8 @@ from sketchterrain.features.edits import move_node
 from sketchterrain.features.table import FeatureTable
 from sketchterrain.generation.building import build, make_recipe
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.system import peak_memory
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import view_of
 from sketchterrain.stages.runner import Results
 

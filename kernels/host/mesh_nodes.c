@@ -151,7 +151,7 @@ void cell_borders(
     for (int64_t j = 0; j < rows; j++)
         for (int64_t i = 0; i < columns; i++) {
             const int32_t *at = place[j][i];
-            int32_t own = owner[j][i] = number[0][site_index(table, at[0], at[1], at[3])];
+            int32_t own = owner[j][i] = ((const int32_t *)number)[site_index(table, at[0], at[1], at[3])];
             if (own < 0)
                 continue;
             int64_t *box = boxes[own];

@@ -17,10 +17,10 @@ from sketchterrain.export.map.sheet import write_map
 from sketchterrain.export.rasters import write_picture
 from sketchterrain.generation.building import TERRAIN_KERNELS
 from sketchterrain.generation.terrain import Terrain
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.console import Stages, print_note
 from sketchterrain.jobs.export import DeviceFallback, build_terrain, noted_drapes
 from sketchterrain.render import scene
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import CameraStates, Flight
 from sketchterrain.render.offscreen import CapturedFrame, capture_frames, render_picture
 from sketchterrain.render.overlays import LegendEntry, check_overlays

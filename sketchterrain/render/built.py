@@ -24,7 +24,7 @@ from sketchterrain.schema.layers import LANE_WIDTHS
 from sketchterrain.tiles.lod import inside_frustum
 
 if TYPE_CHECKING:
-    from sketchterrain.render.camera import Camera
+    from sketchterrain.geometry.camera import Camera
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.targets import RenderTargets
 

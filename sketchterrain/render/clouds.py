@@ -17,7 +17,7 @@ from sketchterrain.render.targets import bands, wrap_to_noise_period
 
 if TYPE_CHECKING:
     from sketchterrain.array_types import BoolArray, Float32Array, Float64Array
-    from sketchterrain.render.camera import Camera
+    from sketchterrain.geometry.camera import Camera
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.sky import Sky, Weather
     from sketchterrain.render.targets import RenderTargets

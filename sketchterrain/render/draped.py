@@ -19,8 +19,8 @@ import numpy as np
 
 from sketchterrain.array_types import Float32Array, Float64Array
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.appearance import AppearanceTextures
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped_geometry import DrapedGeometry, DrapedView, Held, mesh_of
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.lit_ground import GroundLighting

@@ -20,9 +20,9 @@ import shapely
 from sketchterrain.array_types import BoolArray, Bounds, Float64Array, Int64Array
 from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, Items
 from sketchterrain.geometry.box_index import expanded
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.host.library import host_function
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.targets import RenderTargets

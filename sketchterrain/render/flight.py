@@ -12,9 +12,9 @@ import numpy as np
 
 from sketchterrain.document.toml_format import load_toml
 from sketchterrain.errors import InputError, check_keys, check_tables, format_value, one_line, prefix_errors
+from sketchterrain.geometry.camera import Camera, Floats, HeightFunction, Vector
 from sketchterrain.geometry.splines import catmull_rom
 from sketchterrain.io.files import wrap_read_errors, write_atomic
-from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector
 from sketchterrain.schema.parameters import Parameter, check_items, parameter_table
 
 _SAMPLES_PER_SEGMENT: Final = 64  # samples between two keyframes for the arc length

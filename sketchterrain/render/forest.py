@@ -7,9 +7,9 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Bounds, Float32Array, Float64Array, FloatArray
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.look.tree_levels import DETAILS, MASKED_DETAILS
 from sketchterrain.render.built import BuiltScenery
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (
     CROWN_MARGIN,

@@ -14,8 +14,8 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Float64Array, Int64Array
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.look.tree_species import unit
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.grass import grass_layers
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.quality import Quality

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import Bounds
 from sketchterrain.errors import InputError
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import Quality, StreamStats

@@ -13,7 +13,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from sketchterrain.array_types import BoolArray, Float64Array, StructuredArray, UInt8Array
 from sketchterrain.drape.label_layout import LabelCandidates, layer_numbers, place_labels
-from sketchterrain.render.camera import Camera, Vector
+from sketchterrain.geometry.camera import Camera, Vector
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.scene import TerrainSource, surface_heights
 from sketchterrain.render.targets import RenderTargets

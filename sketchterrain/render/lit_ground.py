@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Bounds
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.light_map import LightMap, LightMapRenderer, TexelSquare
 from sketchterrain.render.programs import clamped, fullscreen_pass, set_uniforms
 from sketchterrain.render.quality import UNLIMITED, TimeBudget

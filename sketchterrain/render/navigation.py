@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.render.camera import Camera, Floats, HeightFunction, Vector, clip_planes, direction
+from sketchterrain.geometry.camera import Camera, Floats, HeightFunction, Vector, clip_planes, direction
 from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
 
 MIN_WIDTH: Final = 48.0  # least width of a map (m)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.system import release_freed_memory
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.draped import check_method
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.programs import ResourceCache, close_context, open_context, release_orphans

@@ -7,9 +7,9 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.look.tree_levels import DETAILS
 from sketchterrain.render.built import BuiltScenery
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (
     Cell,

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
+from sketchterrain.geometry.camera import Camera, ClippedView, clip_planes, draw_distance
 from sketchterrain.render.appearance import JUMP_BUDGET
-from sketchterrain.render.camera import Camera, ClippedView, clip_planes, draw_distance
 from sketchterrain.render.ground_stream import view_of
 from sketchterrain.render.programs import ResourceCache
 from sketchterrain.render.quality import FrameStats, Quality, StreamStats, TimeBudget

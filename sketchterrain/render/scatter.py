@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array, StructuredArray
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.vertex_memory import COMMAND
 from sketchterrain.tiles.lod import inside_frustum

@@ -13,10 +13,10 @@ import moderngl
 import numpy as np
 
 from sketchterrain.array_types import BoolArray, Bounds
+from sketchterrain.geometry.camera import Camera, ClippedView
 from sketchterrain.render.appearance import AppearanceTextures
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH_HEIGHT
 from sketchterrain.render.built import BuiltScenery
-from sketchterrain.render.camera import Camera, ClippedView
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.draped import DrapedScreen
 from sketchterrain.render.draped_geometry import Held

@@ -12,6 +12,7 @@ import numpy as np
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.camera import Camera, direction
 from sketchterrain.render.atmosphere import (
     AEROSOL,
     AEROSOL_ABSORBED,
@@ -21,7 +22,6 @@ from sketchterrain.render.atmosphere import (
     Air,
     air_with_haze,
 )
-from sketchterrain.render.camera import Camera, direction
 from sketchterrain.render.programs import clamped
 from sketchterrain.render.scene import HeightMap, TerrainSource, sample_heights
 from sketchterrain.schema.parameters import SKIES

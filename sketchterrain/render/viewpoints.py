@@ -11,9 +11,9 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.landforms.placement.feature_types import FEATURE_TYPES, Lake, River
 from sketchterrain.look.tree_species import HEIGHTS
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.scene import (
     HeightMap,
     TerrainSource,

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d, maximum_filter
 
 from sketchterrain.array_types import Bounds, Float64Array
 from sketchterrain.errors import InputError
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.render.scene import (
     BoundedTerrain,

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.array_types import Float32Array, Float64Array, StructuredArray
+    from sketchterrain.geometry.camera import Camera
     from sketchterrain.look.objects import WaterSurface
-    from sketchterrain.render.camera import Camera
     from sketchterrain.render.targets import RenderTargets
     from sketchterrain.terrain.surfaces import TerrainFeatures
 

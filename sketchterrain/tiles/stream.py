@@ -193,7 +193,8 @@ class TileStream:
         self._still = still
         # In motion every second frame reuses the target tree; in flight it looks ahead instead.
         turns = self._last_target is not None and self._last_target[0][0] == view.eye
-        self._reuses_tree = (any(view.velocity) or turns) and not (self._reuses_tree or still)
+        reuses = budget < np.inf and not (self._reuses_tree or still)
+        self._reuses_tree = reuses and (any(view.velocity) or turns)
         target = self._target_tree(view)
         stale = self.pool.stale_tiles()
         seen = target.urgency > UNSEEN_URGENCY

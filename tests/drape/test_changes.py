@@ -12,7 +12,7 @@ from sketchterrain.document.drapes import DrapedLayer
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.features.edits import with_places
 from sketchterrain.generation.building import rebuild
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

@@ -23,8 +23,8 @@ from sketchterrain.drape.label_layout import (
     place_labels,
 )
 from sketchterrain.generation.building import build
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render import labels as labels_module
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.labels import LIFT, Labels, draw_text, text_size
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

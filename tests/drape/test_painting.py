@@ -15,7 +15,7 @@ from sketchterrain.drape.drapes import Drapes, LayerStyle
 from sketchterrain.export.sampled import SampleGrid, sample_appearance
 from sketchterrain.features.items import AFTER, BEFORE, ENDS, FILL, POINT, STARTS, STROKE, Items
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

@@ -15,7 +15,7 @@ from sketchterrain.document.sketch import Sketch
 from sketchterrain.drape.drapes import Drapes
 from sketchterrain.errors import InputError
 from sketchterrain.features.items import ENDS, STARTS, STROKE, Items
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.draped import FADE, DrapedScreen, check_method
 from sketchterrain.render.draped_geometry import ConvexPieces, cut, mesh_of
 from sketchterrain.render.offscreen import read_picture, render_picture

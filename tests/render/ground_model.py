@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import moderngl
 import numpy as np
 
+from sketchterrain.geometry.camera import Camera, clip_planes, direction
 from sketchterrain.geometry.lattice import LATTICE_BITS, metres_per_unit
 from sketchterrain.io.resources import source
-from sketchterrain.render.camera import Camera, clip_planes, direction
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.targets import FrameBlock
 from sketchterrain.schema.materials import BUILT_IN, weight_words

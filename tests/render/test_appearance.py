@@ -7,7 +7,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun

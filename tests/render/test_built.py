@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.look.built_meshes import MOUTH, joined_parts, triangulated
 from sketchterrain.look.road_meshes import built_objects, road_surfaces
 from sketchterrain.render.built import BuiltScenery
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Sun

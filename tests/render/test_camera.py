@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.camera import Camera, clip_planes, direction
+from sketchterrain.geometry.camera import Camera, clip_planes, direction
 from sketchterrain.render.navigation import (
     CLEARANCE,
     EYE_HEIGHT,

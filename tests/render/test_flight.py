@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render import views as tour_module
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import (
     HEIGHTS,
     KEYFRAME,

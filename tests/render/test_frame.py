@@ -13,7 +13,7 @@ import pytest
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
 from sketchterrain.generation.building import build, rebuild
-from sketchterrain.render.camera import FARTHEST, Camera
+from sketchterrain.geometry.camera import FARTHEST, Camera
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.overlays import HeightCache, Overlay, feature_lines
 from sketchterrain.render.quality import Quality

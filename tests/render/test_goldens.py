@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sky import Weather, sun_for_view
 from tests import terrains

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.geometry.lattice import metres_per_unit
 from sketchterrain.io.resources import source
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.ground_stream import JUMP, JUMP_BUDGET, TerrainStream
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms

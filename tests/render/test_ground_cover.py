@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.grass import DETAILS, KINDS, LEAF, PETAL, tuft_mesh
 from sketchterrain.render.ground import NEAR_WIDTH
 from sketchterrain.render.ground_cover import DETAILS as ROCK_DETAILS

@@ -6,8 +6,8 @@ from itertools import count
 import numpy as np
 import pytest
 
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.resources import source
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.light_map import LightMap, LightMapRenderer, TexelSquare
 from sketchterrain.render.lit_ground import FADE, GroundLighting
 from sketchterrain.render.programs import FRAME_BINDING

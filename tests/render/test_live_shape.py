@@ -15,8 +15,8 @@ from sketchterrain.benchmarks.live_shape import (
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.document.store import load_sketch
 from sketchterrain.generation.building import build, rebuild
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render import sky
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas, read_picture
 from sketchterrain.render.quality import ON_CPU, Quality
 from sketchterrain.render.renderer import Renderer

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.landforms.placement.feature_types import FEATURE
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.flight import CameraStates
 from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.offscreen import capture_frames, read_picture, render_picture

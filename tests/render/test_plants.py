@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.look.tree_levels import DETAILS
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, detail_shares
 from sketchterrain.render.lit_ground import GroundLighting
 from sketchterrain.render.plant_cells import (

@@ -7,8 +7,8 @@ import pytest
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.generation.building import build
+from sketchterrain.geometry.camera import Camera, draw_distance
 from sketchterrain.io.resources import preset_names
-from sketchterrain.render.camera import Camera, draw_distance
 from sketchterrain.render.ground_stream import JUMP, TerrainStream, view_of
 from sketchterrain.render.offscreen import render_picture
 from sketchterrain.render.quality import Quality

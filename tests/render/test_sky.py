@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.render.atmosphere import (
     AEROSOL_ABSORBED,
     AEROSOL_HEIGHT,
@@ -21,7 +22,6 @@ from sketchterrain.render.atmosphere import (
     TOP,
     Air,
 )
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.clouds import PERIOD, Clouds, billow_noise, cloud_defines, cloud_field
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import FRAME_BINDING

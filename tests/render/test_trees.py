@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.look.tree_levels import DETAILS, VARIANTS, leaf_mask, level, plant_mesh, plant_view
 from sketchterrain.look.tree_species import BROAD, HEIGHTS, NEEDLES, SOLID, SPECIES
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.offscreen import canvas
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer

@@ -9,6 +9,7 @@ import pytest
 from scipy.special import erfc
 from scipy.stats import norm
 
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.resources import source
 from sketchterrain.look.objects import (
     ACROSS,
@@ -17,7 +18,6 @@ from sketchterrain.look.objects import (
     river_surface,
     terrain_objects,
 )
-from sketchterrain.render.camera import Camera
 from sketchterrain.render.navigation import intersect_terrain
 from sketchterrain.render.programs import bind_textures, set_uniforms
 from sketchterrain.render.quality import Quality

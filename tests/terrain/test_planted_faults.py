@@ -499,6 +499,8 @@ def test_a_part_that_is_left_out_is_noticed(terrain, share, monkeypatch) -> None
         if effect:
             with pytest.MonkeyPatch.context() as patch:
                 part.left_out(patch)
+                for layer in (*old.recipe.layers, *recipe.layers):
+                    layer.cache.clear()  # of what was found without the fault
                 other = new(old.recipe)
                 with suppress(ValueError, IndexError, KeyError):  # which would be noticed, too
                     if not missed(other, recipe, before, expected):

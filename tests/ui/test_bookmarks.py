@@ -9,7 +9,7 @@ from PyQt6.QtGui import QColor, QImage
 from PyQt6.QtWidgets import QListWidget, QToolButton
 
 from sketchterrain.document.store import load_sketch
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.ui.engine.protocol import FrameFacts, Look
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Bookmark, Bookmarks

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.ui.engine.camera_controller import CameraController
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Turn, Zoom
 

@@ -9,7 +9,7 @@ from PyQt6.QtCore import QPointF
 from PyQt6.QtGui import QColor, QImage
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.schema.layers import DRAW_ORDER, PAINTED_LAYERS
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.compositing import (

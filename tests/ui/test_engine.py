@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.document.sketch import Sketch
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document

@@ -12,7 +12,7 @@ from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.document.store import load_sketch
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.commands import WORLD, set_setting
 from sketchterrain.ui.engine import protocol as msg

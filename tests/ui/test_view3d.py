@@ -9,7 +9,7 @@ from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.features.table import LINE, Feature, FeatureTable
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.ui.actions import ContextMenu
 from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, PickRequest, PickResult, Turn, Zoom

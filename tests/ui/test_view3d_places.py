@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.landforms.placement.feature_types import FEATURE
-from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Relief
 from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.camera import Projection, TerrainHeights, circle, overview, scale_bar

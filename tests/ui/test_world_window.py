@@ -11,7 +11,7 @@ from PyQt6.QtWidgets import QDialog, QTextBrowser
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.generation.building import make_recipe
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.ui import world_window as worlds
 from sketchterrain.ui.engine import protocol
 from sketchterrain.ui.engine.protocol import ErrorReport, Fly, Look, PickResult

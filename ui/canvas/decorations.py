@@ -7,7 +7,7 @@ from functools import cache, partial
 from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
-from sketchterrain.render.camera import Camera
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.ui.canvas.marks import DARK, SELECTED, draw_features
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT, FAULT_COLOURS

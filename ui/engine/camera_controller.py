@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.render.camera import Camera, Vector
+from sketchterrain.geometry.camera import Camera, Vector
 from sketchterrain.render.navigation import LocalHeights, OrbitController, WalkController, intersect_terrain
 from sketchterrain.render.scene import BoundedTerrain, TerrainSource, surface_heights, visible_rectangle
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Turn, Zoom

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from sketchterrain.document.drapes import DrapedLayer
     from sketchterrain.document.sketch import Sketch
     from sketchterrain.export.target import ExportOptions
+    from sketchterrain.geometry.camera import Camera
     from sketchterrain.landforms.placement.feature_types import Lake, River
-    from sketchterrain.render.camera import Camera
     from sketchterrain.roads.road_types import Road
     from sketchterrain.schema.parameters import Properties
     from sketchterrain.terrain.recipe import TerrainRecipe

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.array_types import Bounds
     from sketchterrain.drape.drapes import Drapes
-    from sketchterrain.render.camera import Camera
+    from sketchterrain.geometry.camera import Camera
     from sketchterrain.render.quality import FrameStats
     from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun

@@ -14,8 +14,8 @@ from PyQt6.QtCore import QByteArray, QObject, QSettings, QStandardPaths, pyqtSig
 
 from sketchterrain.document.sketch import DEFAULT_SIDE
 from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.io.files import write_atomic
-from sketchterrain.render.camera import Camera
 from sketchterrain.schema.layers import LAYERS, VECTOR_LAYERS
 from sketchterrain.ui.engine.protocol import MODES
 

@@ -156,6 +156,8 @@ class SelectionPage(QWidget):
     def refresh(self, *_: object) -> None:
         selection = self._workspace.selection
         if selection is None or not selection.is_placed:
+            self.form.finish()
+            self.form.declare(())
             return
         if self._shown != selection:
             self.form.finish()  # the text being typed is for the previous object
@@ -284,6 +286,7 @@ class FeaturePage(QWidget):
         self.form.setToolTip(problem)
         if own is None:
             self._head.show_text("Gone", "The selection no longer exists.")
+            self.form.declare(())
         elif own.selection.is_vector:
             self._show_vector(own, own.selection.kind)
         else:

@@ -11,8 +11,8 @@ from PyQt6.QtCore import Qt
 from scipy.ndimage import map_coordinates
 
 from sketchterrain.array_types import BoolArray, Float64Array
+from sketchterrain.geometry.camera import Camera
 from sketchterrain.landforms.placement.feature_types import lake_centre
-from sketchterrain.render.camera import Camera
 from sketchterrain.ui.canvas.decorations import nice_length
 from sketchterrain.ui.commands import find_lake, find_point, find_river
 from sketchterrain.ui.engine.protocol import Fly, FrameFacts, GoTo, Pan, Placement, Relief, Turn, Zoom

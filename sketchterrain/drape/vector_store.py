@@ -147,10 +147,8 @@ class _Arrays:
 
     def add_texts(self, name: str, texts: list[str]) -> None:
         """Append texts."""
-        start, encoded = (
-            self._streams[name].tell() if name in self._streams else 0,
-            list(map(str.encode, texts)),
-        )
+        start = self._streams[name].tell() if name in self._streams else 0
+        encoded = list(map(str.encode, texts))
         self.add(name, np.frombuffer(b"".join(encoded), np.uint8))
         self.add(f"{name}.ends", start + np.cumsum(list(map(len, encoded)), dtype=np.int64))
 

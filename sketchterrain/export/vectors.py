@@ -22,7 +22,7 @@ from sketchterrain.array_types import StructuredArray
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sampled import TerrainSamples
 from sketchterrain.features import table as vectors
-from sketchterrain.geometry.splines import arc_lengths
+from sketchterrain.geometry.splines import arc_length
 from sketchterrain.io.crs import plain_path
 from sketchterrain.io.files import write_atomic
 from sketchterrain.landforms.placement.feature_types import (
@@ -269,7 +269,7 @@ def sea_layer(level: float, samples: TerrainSamples, origin: Origin) -> ExportLa
 
 def river_layer(rivers: Sequence[River], origin: Origin) -> ExportLayer:
     """Return the rivers' centrelines from the spring on, at the height of the water."""
-    ends, along = {"spring": 0, "mouth": -1}, [arc_lengths(river.centreline) for river in rivers]
+    ends, along = {"spring": 0, "mouth": -1}, [arc_length(river.centreline) for river in rivers]
     fields: dict[str, npt.NDArray[Any]] = {
         "id": id_texts(river.id for river in rivers),
         "label": np.array([river.label for river in rivers], np.int32),
@@ -299,7 +299,7 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> ExportLayer:
         shapely.points(places),
         {
             "river": id_texts(chain.from_iterable([r.id] * n for r, n in zip(rivers, counts, strict=True))),
-            "distance": np.concatenate([np.zeros(0), *(arc_lengths(river.centreline) for river in rivers)]),
+            "distance": np.concatenate([np.zeros(0), *(arc_length(river.centreline) for river in rivers)]),
             "width": widths,
             "depth": depths,
         },

@@ -13,9 +13,10 @@ def drop_repeats(points: Float64Array, *, of: int | None = None) -> Float64Array
     return points[distinct]
 
 
-def arc_lengths(path: Float64Array) -> Float64Array:
+def arc_length(path: Float64Array) -> Float64Array:
     """Return the length along a path, in x and y, from its first point to each."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
+    steps = np.sqrt((np.diff(path[:, :2], axis=0) ** 2).sum(axis=1))
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def at_lengths(path: Float64Array, arc: Float64Array, lengths: Float64Array) -> Float64Array:

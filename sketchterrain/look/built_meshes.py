@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.array_types import Float64Array, FloatArray
-from sketchterrain.geometry.splines import arc_lengths
+from sketchterrain.geometry.splines import arc_length, at_lengths
 from sketchterrain.roads.road_types import LineObject, Pad
 from sketchterrain.schema.layers import feature_name
 
@@ -344,7 +344,7 @@ def _wall_parts(given: LineObject, line: Float64Array, ground: Float64Array) -> 
         np.column_stack([line + (a * half * more)[:, None] * left, ground + up * height * more])
         for (a, up), more in zip(section, jitter, strict=True)
     ]
-    along = arc_lengths(line)
+    along = arc_length(line)
     last = len(section) - 1
     ends = []
     for k in range(len(section) // 2 - 1):
@@ -428,4 +428,4 @@ def _densified(line: Float64Array, step: float) -> Float64Array:
         np.linspace(a, b, n, endpoint=False) for a, b, n in zip(along[:-1], along[1:], pieces, strict=True)
     ]
     at = np.concatenate([*inner, along[-1:]])
-    return np.column_stack([np.interp(at, along, axis) for axis in line.T])
+    return at_lengths(line, along, at)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from sketchterrain.geometry.splines import arc_lengths
+from sketchterrain.geometry.splines import arc_length
 from sketchterrain.schema.layers import layer_of
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def flow_speed_and_slope(centreline: Float64Array, width: Float32Array) -> tuple
     Manning's formula R^(2/3) √slope / n with the hydraulic radius R from the width, clipped to `SPEEDS`; the
     slope is taken over `FALL_WIDTHS` widths.
     """
-    distance = arc_lengths(centreline)
+    distance = arc_length(centreline)
     wide = width.astype(np.float64)
     half = 0.5 * FALL_WIDTHS * wide
     before, after = np.maximum(distance - half, 0.0), np.minimum(distance + half, distance[-1])
@@ -134,7 +134,7 @@ def river_surface(centreline: Float64Array, width: Float32Array) -> WaterSurface
     position[..., 2] = centreline[:, 2:3]
     flow = np.empty((len(flat), ACROSS, 4))
     flow[..., 0] = across
-    flow[..., 1] = arc_lengths(centreline)[:, None]
+    flow[..., 1] = arc_length(centreline)[:, None]
     flow[..., 2:] = downstream[:, None, :]
     half = 0.5 * width.astype(np.float64)
     stream = np.empty((len(flat), ACROSS, 4))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.array_types import Float64Array
-from sketchterrain.geometry.splines import arc_lengths, at_lengths
+from sketchterrain.geometry.splines import arc_length, at_lengths
 from sketchterrain.look.built_meshes import (
     MOUTH,
     BuiltObject,
@@ -152,7 +152,7 @@ def _blocked(bridge: Road, obstacles: tuple[Road | River, ...]) -> Float64Array:
 
 def _resampled(line: Float64Array, step: float) -> Float64Array:
     """Return points of a line (n, k) about `step` m apart, both ends included."""
-    along = arc_lengths(line)
+    along = arc_length(line)
     at = np.linspace(0.0, along[-1], max(round(along[-1] / step), 1) + 1)
     return at_lengths(line, along, at)
 

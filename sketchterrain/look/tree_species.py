@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -112,67 +112,115 @@ class Whorls:
     sizes: tuple[float, ...]  # as of `Crown`
 
 
-_SPRUCE: Final = Whorls(
-    tiers=26,
-    boughs=7,
-    spread=0.215,
-    lowest=0.055,
-    hang=1.0,
-    trunk_radius=0.019,
-    bend=0.006,
-    sprays=11,
-    leaf=(0.078, 0.020),
-    mask=NEEDLES,
-    colours=Colours(
-        (0.042, 0.070, 0.030), (0.034, 0.044, 0.010), (0.085, 0.064, 0.050), (0.10, 0.075, 0.058)
+GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {
+    "spruce": Whorls(
+        tiers=26,
+        boughs=7,
+        spread=0.215,
+        lowest=0.055,
+        hang=1.0,
+        trunk_radius=0.019,
+        bend=0.006,
+        sprays=11,
+        leaf=(0.078, 0.020),
+        mask=NEEDLES,
+        colours=Colours(
+            (0.042, 0.070, 0.030), (0.034, 0.044, 0.010), (0.085, 0.064, 0.050), (0.10, 0.075, 0.058)
+        ),
+        sizes=(1.41, 2.3, 4.16, 8.43, 1.73, 2.39),
     ),
-    sizes=(1.41, 2.3, 4.16, 8.43, 1.73, 2.39),
-)
-_CROWNED: Final = ("pine", "oak", "birch", "shrub")
-_CROWNS: Final[dict[str, tuple[Any, ...]]] = {  # of these
-    "heights": (
-        (0.36, 0.44, 0.56, 0.66, 0.78, 0.90, 1.0),
-        (0.20, 0.27, 0.40, 0.56, 0.72, 0.86, 0.97),
-        (0.22, 0.32, 0.48, 0.65, 0.82, 0.94, 1.0),
-        (0.03, 0.20, 0.45, 0.70, 0.92),
+    "pine": Crown(
+        heights=(0.36, 0.44, 0.56, 0.66, 0.78, 0.90, 1.0),
+        radii=(0.04, 0.17, 0.14, 0.23, 0.21, 0.16, 0.04),
+        tips=78,
+        boughs=17,
+        filling=0.30,
+        lumps=0.27,
+        trunk_top=0.93,
+        trunk_radius=0.020,
+        bend=0.032,
+        lowest=0.30,
+        rise=0.35,
+        arch=0.5,
+        sprays=26,
+        clump=(0.064, 0.036, 0.0),
+        leaf=(0.042, 0.017),
+        droop=-0.35,
+        mask=NEEDLES,
+        colours=Colours(
+            (0.058, 0.088, 0.040), (0.036, 0.042, 0.012), (0.095, 0.075, 0.060), (0.30, 0.150, 0.075)
+        ),
+        sizes=(1.24, 2.08, 3.5, 7.51, 1.7, 2.81),
     ),
-    "radii": (
-        (0.04, 0.17, 0.14, 0.23, 0.21, 0.16, 0.04),
-        (0.20, 0.36, 0.46, 0.47, 0.42, 0.29, 0.08),
-        (0.05, 0.15, 0.20, 0.185, 0.125, 0.06, 0.01),
-        (0.30, 0.52, 0.56, 0.44, 0.20),
+    "oak": Crown(
+        heights=(0.20, 0.27, 0.40, 0.56, 0.72, 0.86, 0.97),
+        radii=(0.20, 0.36, 0.46, 0.47, 0.42, 0.29, 0.08),
+        tips=112,
+        boughs=20,
+        filling=0.22,
+        lumps=0.11,
+        trunk_top=0.62,
+        trunk_radius=0.036,
+        bend=0.028,
+        lowest=0.20,
+        rise=0.45,
+        arch=1.0,
+        sprays=30,
+        clump=(0.094, 0.066, 0.0),
+        leaf=(0.047, 0.021),
+        droop=0.15,
+        mask=BROAD,
+        colours=Colours(
+            (0.054, 0.086, 0.023), (0.021, 0.026, 0.002), (0.105, 0.086, 0.066), (0.10, 0.08, 0.06)
+        ),
+        sizes=(1.54, 2.66, 4.67, 9.46, 1.63, 2.62),
     ),
-    "tips": (78, 112, 104, 44),
-    "boughs": (17, 20, 24, 12),
-    "filling": (0.30, 0.22, 0.30, 0.25),
-    "lumps": (0.27, 0.11, 0.17, 0.14),
-    "trunk_top": (0.93, 0.62, 0.97, 0.22),
-    "trunk_radius": (0.020, 0.036, 0.0115, 0.040),
-    "bend": (0.032, 0.028, 0.018, 0.05),
-    "lowest": (0.30, 0.20, 0.20, 0.02),
-    "rise": (0.35, 0.45, 1.25, 0.8),
-    "arch": (0.5, 1.0, 0.8, 0.9),
-    "sprays": (26, 30, 18, 26),
-    "clump": ((0.064, 0.036, 0.0), (0.094, 0.066, 0.0), (0.040, 0.068, 0.45), (0.15, 0.13, 0.0)),
-    "leaf": ((0.042, 0.017), (0.047, 0.021), (0.032, 0.0145), (0.115, 0.048)),
-    "droop": (-0.35, 0.15, 0.75, -0.1),
-    "mask": (NEEDLES, BROAD, BROAD, BROAD),
-    "colours": (
-        Colours((0.058, 0.088, 0.040), (0.036, 0.042, 0.012), (0.095, 0.075, 0.060), (0.30, 0.150, 0.075)),
-        Colours((0.054, 0.086, 0.023), (0.021, 0.026, 0.002), (0.105, 0.086, 0.066), (0.10, 0.08, 0.06)),
-        Colours((0.074, 0.110, 0.029), (0.023, 0.028, 0.003), (0.50, 0.48, 0.44), (0.42, 0.39, 0.35), 0.10),
-        Colours((0.053, 0.080, 0.026), (0.022, 0.026, 0.003), (0.085, 0.068, 0.052), (0.085, 0.068, 0.052)),
+    "birch": Crown(
+        heights=(0.22, 0.32, 0.48, 0.65, 0.82, 0.94, 1.0),
+        radii=(0.05, 0.15, 0.20, 0.185, 0.125, 0.06, 0.01),
+        tips=104,
+        boughs=24,
+        filling=0.30,
+        lumps=0.17,
+        trunk_top=0.97,
+        trunk_radius=0.0115,
+        bend=0.018,
+        lowest=0.20,
+        rise=1.25,
+        arch=0.8,
+        sprays=18,
+        clump=(0.040, 0.068, 0.45),
+        leaf=(0.032, 0.0145),
+        droop=0.75,
+        mask=BROAD,
+        colours=Colours(
+            (0.074, 0.110, 0.029), (0.023, 0.028, 0.003), (0.50, 0.48, 0.44), (0.42, 0.39, 0.35), 0.10
+        ),
+        sizes=(1.35, 2.3, 4.1, 8.68, 1.58, 2.42),
     ),
-    "sizes": (
-        (1.24, 2.08, 3.5, 7.51, 1.7, 2.81),
-        (1.54, 2.66, 4.67, 9.46, 1.63, 2.62),
-        (1.35, 2.3, 4.1, 8.68, 1.58, 2.42),
-        (1.07, 1.54, 2.7, 5.55, 1.58, 2.68),
+    "shrub": Crown(
+        heights=(0.03, 0.20, 0.45, 0.70, 0.92),
+        radii=(0.30, 0.52, 0.56, 0.44, 0.20),
+        tips=44,
+        boughs=12,
+        filling=0.25,
+        lumps=0.14,
+        trunk_top=0.22,
+        trunk_radius=0.040,
+        bend=0.05,
+        lowest=0.02,
+        rise=0.8,
+        arch=0.9,
+        sprays=26,
+        clump=(0.15, 0.13, 0.0),
+        leaf=(0.115, 0.048),
+        droop=-0.1,
+        mask=BROAD,
+        colours=Colours(
+            (0.053, 0.080, 0.026), (0.022, 0.026, 0.003), (0.085, 0.068, 0.052), (0.085, 0.068, 0.052)
+        ),
+        sizes=(1.07, 1.54, 2.7, 5.55, 1.58, 2.68),
     ),
-}
-GROWTH_FORMS: Final[dict[str, Crown | Whorls]] = {"spruce": _SPRUCE} | {
-    name: Crown(**{key: values[number] for key, values in _CROWNS.items()})
-    for number, name in enumerate(_CROWNED)
 }
 """Growth parameters of each species, in the terrain's order."""
 SPECIES: Final = tuple(GROWTH_FORMS)  # in the terrain's order

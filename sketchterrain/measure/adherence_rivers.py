@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.array_types import BoolArray, Float32Array, Float64Array, Int64Array, LatticeArray
 from sketchterrain.features.table import LINE
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.geometry.splines import arc_lengths, at_lengths
+from sketchterrain.geometry.splines import arc_length, at_lengths
 from sketchterrain.landforms.hydrology.lakes import index_runs
 from sketchterrain.landforms.hydrology.network import skeletons
 from sketchterrain.landforms.hydrology.vector_rivers import line_path, line_sizes
@@ -122,7 +122,7 @@ def measure_river_adherence(terrain: Terrain) -> tuple[RiverAdherence, ...]:
 
 def _resample(points: Float64Array) -> Float64Array:
     """Return positions in even steps (m) along a polyline of shape (n, 2)."""
-    lengths = arc_lengths(points)
+    lengths = arc_length(points)
     count = min(int(lengths[-1] / _STEP) + 2, _MAX_STEPS)
     return at_lengths(points, lengths, np.linspace(0.0, lengths[-1], count))
 

@@ -99,8 +99,7 @@ class TerrainStream:
             quads=quads,
             bounds=bounds,
         )
-        self._eye: npt.NDArray[np.float64] | None = None
-        self._camera: Camera | None = None  # of the last frame
+        self._camera: Camera | None = None  # of the last frame; None: the next one jumps
         self._placed_eye: tuple[float, float, float] | None = None
         self._since_jump = np.inf
         self._changed = False  # the terrain, since the last frame
@@ -120,18 +119,17 @@ class TerrainStream:
         terrain generates what is in sight for 0.1 s. Afterwards, until the picture is final, tiles may take
         half of `elapsed` (s) for at most 2 s; at rest, 0.1 s while one in sight is missing.
         """
-        eye = np.asarray(camera.eye)
-        moved = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
-        far = moved > JUMP * self.terrain.extent
+        before, self._camera = self._camera, camera
+        moved = np.full(3, np.inf) if before is None else np.subtract(camera.eye, before.eye)
+        far = float(np.linalg.norm(moved)) > JUMP * self.terrain.extent
         jumped, self._changed = far or self._changed, False
         velocity = (0.0, 0.0, 0.0)
-        if self._eye is not None and not jumped and elapsed > 0:
-            x, y, z = ((eye - self._eye) / elapsed).tolist()
+        if not jumped and elapsed > 0:
+            x, y, z = (moved / elapsed).tolist()
             velocity = (x, y, z)
-        self._eye = eye
         self._since_jump = 0.0 if jumped else self._since_jump + elapsed
         self.view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
-        lacks_shape, self._camera = camera == self._camera and not self.tiles.complete, camera
+        lacks_shape = camera == before and not self.tiles.complete
         catches_up = lacks_shape or self._since_jump < CATCH_UP_SECONDS
         if jumped:
             least = FIRST_BUDGET if self.draws is None else JUMP_BUDGET if far else CHANGE_BUDGET
@@ -173,7 +171,7 @@ class TerrainStream:
         """Generate all tiles of a view; a `still` lacks those that are not in the picture."""
         self.view = view = view_of(camera, size, draw_distance=draw_distance)
         self._place(self.tiles.generate_all(view, self._write, still=still), camera.eye)
-        self._eye = None if still else np.asarray(camera.eye)  # after a still the next frame jumps
+        self._camera = None if still else camera  # after a still the next frame jumps
 
     def set_terrain(self, terrain: TileSource, areas: Sequence[Bounds]) -> None:
         """Replace the terrain by another one of the same extent, bit-equal outside `areas` (W, S, E, N; m).

@@ -242,12 +242,14 @@ class PlantShadows:
 
 @lru_cache(8)
 def sun_axes(sun: Sun) -> Float64Array:
-    """Return the axes of a shadow map: unit rows right, up and towards the sun."""
+    """Return the axes of a shadow map: unit rows right, up and towards the sun; read-only."""
     back = sun.direction
     up = np.array([0.0, 0.0, 1.0]) if back[2] < 0.999 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, back)
     right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(back, right), back])
+    axes = np.stack([right, np.cross(back, right), back])
+    axes.flags.writeable = False
+    return axes
 
 
 def shadow_matrix(sun: Sun, centre: Float64Array, half_width: float, half_depth: float) -> Float64Array:

@@ -12,9 +12,8 @@ from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
 from sketchterrain.geometry.hashing import gaussian_filter, rounded
-from sketchterrain.geometry.splines import catmull_rom, cubics
+from sketchterrain.geometry.splines import arc_length, at_lengths, catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
-from sketchterrain.landforms.hydrology.courses import arc_length
 from sketchterrain.landforms.hydrology.river_shape import bank_sway, bend_lean
 from sketchterrain.landforms.placement.feature_types import River
 from sketchterrain.terrain.noise import FINEST_CELL
@@ -286,7 +285,7 @@ def flatten_to_arcs(
     tolerance = max(_CELL_SHARE * cell_size - 0.75 * least, 0.5 * _CELL_SHARE * cell_size)
     pieces = flatten(curve, tolerance, spans=(cubic, cuts[:-1] - cubic, cuts[1:] - cubic))
     at = np.append(pieces.cubic + pieces.first, float(len(curve)))
-    points = np.stack([np.interp(at, u, column) for column in course.line.T], axis=-1)
+    points = at_lengths(course.line, u, at)
     between = np.flatnonzero(~np.isin(at, u))
     # Samples stay bit-equal, so that rivers that meet there share one point.
     points[between, :2] = position(curve[pieces.cubic[between]], pieces.first[between, None])[:, 0]

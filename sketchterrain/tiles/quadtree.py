@@ -95,7 +95,7 @@ def neighbours_of(codes: Int64Array) -> Int64Array:
 
 
 @lru_cache(1 << 15)  # frame after frame asks for the same ones
-def around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
+def around(code: int, inside: tuple[int, int, int, int]) -> Sequence[int]:
     """Return those of a tile's eight neighbours inside a range of columns and rows."""
     col, row = ((code >> _BITS) & _MASK) - _MIDDLE, (code & _MASK) - _MIDDLE
     west, east, south, north = inside
@@ -105,7 +105,7 @@ def around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
 
 
 @lru_cache(1 << 15)
-def parents_around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
+def parents_around(code: int, inside: tuple[int, int, int, int]) -> Sequence[int]:
     """Return the parents of a tile and of its neighbours inside a range of columns and rows.
 
     At most four: the tile's own parent and those across its two outer sides.

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.errors import InputError
-from sketchterrain.landforms.hydrology.courses import arc_length
+from sketchterrain.geometry.splines import arc_length
 from sketchterrain.landforms.hydrology.network import skeletons
 from sketchterrain.landforms.hydrology.river_shape import MIN_GRADIENT, bend_lean, width_swing
 from tests.terrain.conftest import tiers

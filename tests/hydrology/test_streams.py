@@ -5,8 +5,9 @@ import pytest
 
 from sketchterrain.document.edits import Edit
 from sketchterrain.generation.building import make_recipe
+from sketchterrain.geometry.splines import arc_length
 from sketchterrain.landforms.drainage import DrainageInput, drain
-from sketchterrain.landforms.hydrology.courses import arc_length, course_through
+from sketchterrain.landforms.hydrology.courses import course_through
 from sketchterrain.landforms.hydrology.drainage_constraints import NodeRaster
 from sketchterrain.landforms.hydrology.streams import Flow, is_stream, stream_courses
 from sketchterrain.landforms.placement.feature_types import move_edit

@@ -14,6 +14,7 @@ from sketchterrain.document.own_materials import with_materials
 from sketchterrain.document.sketch import Sketch
 from sketchterrain.features.edits import change_layer, network_layers
 from sketchterrain.features.table import AREA, KINDS, LINE, POINT, vector_parameters
+from sketchterrain.geometry.splines import arc_length
 from sketchterrain.landforms.placement.feature_types import FILL_BIT, River
 from sketchterrain.schema.layers import LAYERS, layer_of
 from sketchterrain.schema.parameters import Parameter, Sentinel, Value, parameter_table
@@ -79,7 +80,7 @@ def _describe(sketch: Sketch, placed: Placement, selection: Selection) -> _Shown
 
 
 def _describe_river(sketch: Sketch, placed: Placement, selection: Selection, river: River) -> _Shown:
-    length = float(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T).sum())
+    length = float(arc_length(river.centreline)[-1])
     line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
     width = commands.width_of(sketch, placed, selection) or float(np.median(river.width))
     at, count, label = selection.index, len(river.points), (layer_of(river.id), max(river.label, 1))

@@ -21,7 +21,7 @@ from sketchterrain.export.map.drawing import (
 )
 from sketchterrain.export.map.relief import Grid, MapSamples, nearest_round
 from sketchterrain.generation.terrain import Terrain
-from sketchterrain.geometry.splines import arc_lengths, at_lengths
+from sketchterrain.geometry.splines import arc_length, at_lengths
 from sketchterrain.schema.layers import LAYERS
 from sketchterrain.schema.styles import PIXEL, rgb_from_hex
 
@@ -76,7 +76,7 @@ def trace_contours(samples: MapSamples, interval: float) -> list[Contour]:
         Contour(interval * number, number % INDEX == 0, points)
         for number, of_level in zip(numbers, lines, strict=True)
         for points in of_level
-        if arc_lengths(points)[-1] * samples.frame.mm_per_metre >= MIN_LENGTH
+        if arc_length(points)[-1] * samples.frame.mm_per_metre >= MIN_LENGTH
         or (points[0] != points[-1]).any()
     ]
 
@@ -99,7 +99,7 @@ def contour_lines(
             visible &= samples.interpolate(spacing, contour.points) > CROWDED
         code = np.where(visible, np.rint(samples.interpolate(pens, contour.points)), -1).astype(int)
         for piece, pen in pieces(path, code):
-            if arc_lengths(piece)[-1] >= MIN_PIECE:
+            if arc_length(piece)[-1] >= MIN_PIECE:
                 paths[contour.index, pen].append(piece)
     colours = list(PENS.values())
     return [Polylines(found, colours[pen], WIDTHS[i]) for (i, pen), found in paths.items() if found]
@@ -143,7 +143,7 @@ def _label_candidates(contour: Contour, samples: MapSamples, interval: float) ->
     decimals = max(0, -int(np.floor(np.log10(interval) + 1e-9)))
     text = f"{contour.height:.{decimals}f}"
     path = samples.frame.to_sheet(contour.points)
-    arc = arc_lengths(path)
+    arc = arc_length(path)
     half = 0.5 * MapText(text, 0.0, 0.0, LABEL_SIZE, LABEL_COLOUR).width + 0.4
     middles = np.arange(half, arc[-1] - half, LABEL_STEP)
     at = at_lengths(path, arc, middles[:, None] + np.linspace(-1.0, 1.0, 9) * half)
@@ -215,7 +215,7 @@ def flow_arrow(middle: Points, flow: Points) -> list[Shape]:
 
 
 def _arrows(path: Points, width: Points, dry: npt.NDArray[np.bool_], space: LabelSpace) -> list[Shape]:
-    arc = arc_lengths(path)
+    arc = arc_length(path)
     shapes: list[Shape] = []
     for middle in np.arange(ARROWS[0], arc[-1], ARROWS[1]):
         ends = at_lengths(path, arc, middle + np.array([-1.0, 1.0]))

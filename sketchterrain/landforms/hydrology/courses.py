@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array, Int64Array
 from sketchterrain.geometry.hashing import RATIO_STEP, STEP, gaussian_filter, hash_unit, rounded, value_noise
-from sketchterrain.geometry.splines import drop_repeats, sample_catmull_rom
+from sketchterrain.geometry.splines import arc_length, at_lengths, drop_repeats, sample_catmull_rom
 from sketchterrain.landforms.hydrology.network import Reach, Skeleton, exit_normal
 from sketchterrain.landforms.placement.user_features import pixel_id
 
@@ -42,18 +42,12 @@ def smoothed(path: Float64Array, sigma: float) -> Float64Array:
     return smooth
 
 
-def arc_length(path: Float64Array) -> Float64Array:
-    """Return the length (m) along a path, in x and y, from its first point to each."""
-    steps = np.sqrt((np.diff(path[:, :2], axis=0) ** 2).sum(axis=1))
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
 def spaced(path: Float64Array, interval: float) -> Float64Array:
     """Resample a path at about `interval` (m), ends included; columns beyond x and y are interpolated."""
     arc = arc_length(path)
     count = max(round(float(arc[-1]) / interval), 1) + 1
     at = np.linspace(0.0, arc[-1], count)
-    points = np.stack([np.interp(at, arc, path[:, i]) for i in range(path.shape[1])], axis=-1)
+    points = at_lengths(path, arc, at)
     points[[0, -1]] = path[[0, -1]]
     return points
 

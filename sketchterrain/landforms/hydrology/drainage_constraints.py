@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.geometry.hashing import value_noise
-from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length, smoothed
+from sketchterrain.geometry.splines import arc_length
+from sketchterrain.landforms.hydrology.courses import RiverCourse, smoothed
 from sketchterrain.landforms.hydrology.lakes import runs_inside
 from sketchterrain.landforms.hydrology.layout import heights_at
 from sketchterrain.landforms.hydrology.river_shape import gradient_limit

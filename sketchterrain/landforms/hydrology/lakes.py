@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.geometry.hashing import gaussian_filter, rounded, value_noise
-from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length
+from sketchterrain.geometry.splines import arc_length
+from sketchterrain.landforms.hydrology.courses import RiverCourse
 from sketchterrain.landforms.hydrology.river_shape import Network
 from sketchterrain.landforms.hydrology.water_levels import LakeReach, join_water_levels, solve_water_levels
 from sketchterrain.landforms.placement.covers import shape_field, shore_positions

@@ -14,10 +14,10 @@ from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.label_layers import LabelImage
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.hashing import rounded
+from sketchterrain.geometry.splines import arc_length
 from sketchterrain.landforms.hydrology.courses import (
     LAKE_GAP,
     RiverCourse,
-    arc_length,
     dab_course,
     part_of_course,
     pixel_positions,

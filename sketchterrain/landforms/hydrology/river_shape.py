@@ -11,8 +11,9 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import Float64Array
 from sketchterrain.geometry.hashing import rounded, value_noise
+from sketchterrain.geometry.splines import arc_length, at_lengths
 from sketchterrain.host.library import host_function
-from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length, smoothed
+from sketchterrain.landforms.hydrology.courses import RiverCourse, smoothed
 from sketchterrain.landforms.placement.feature_types import smoothstep
 from sketchterrain.stages.runner import Runner
 
@@ -60,7 +61,7 @@ def bend_lean(line: Float64Array, arc: Float64Array, width: Float64Array) -> Flo
     Proportional to the curvature; none at the course's ends.
     """
     reach = _CHORD_WIDTHS * width
-    ends = [np.column_stack([np.interp(arc + far, arc, axis) for axis in line.T]) for far in (-reach, reach)]
+    ends = [at_lengths(line, arc, arc + far) for far in (-reach, reach)]
     (bx, by), (ax, ay) = (line - ends[0]).T, (ends[1] - line).T
     turn = (bx * ay - by * ax) / np.maximum(np.hypot(bx, by) * np.hypot(ax, ay), 1e-12)
     return rounded(np.clip(-turn / _SHARP_TURN, -1.0, 1.0) * _inside(arc, width))

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from sketchterrain.array_types import BoolArray, Float64Array
 from sketchterrain.document.edits import Edit
+from sketchterrain.geometry.splines import arc_length
 from sketchterrain.landforms.hydrology.conflicts import (
     Resolution,
     canyon_resolutions,
@@ -18,7 +19,7 @@ from sketchterrain.landforms.hydrology.conflicts import (
     mountain_crossings,
     resolve_conflicts,
 )
-from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length, course_through, part_of_course
+from sketchterrain.landforms.hydrology.courses import RiverCourse, course_through, part_of_course
 from sketchterrain.landforms.hydrology.lakes import (
     index_runs,
     mouth_lakes,

@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.array_types import BoolArray, Float64Array, Int32Array, Int64Array
 from sketchterrain.geometry.hashing import rounded, value_noise
-from sketchterrain.landforms.hydrology.courses import RiverCourse, arc_length, course_through, smoothed
+from sketchterrain.geometry.splines import arc_length, at_lengths
+from sketchterrain.landforms.hydrology.courses import RiverCourse, course_through, smoothed
 from sketchterrain.landforms.hydrology.drainage_constraints import NodeRaster
 from sketchterrain.landforms.placement.feature_types import LAYER_CODES
 from sketchterrain.stages.runner import Runner
@@ -219,7 +220,7 @@ def _meandering(
     step = np.where(level > 0.0, wave / _STEPS, _INTERVAL * spacing)
     number = np.concatenate([[0.0], np.cumsum(np.diff(arc) / np.minimum(step[1:], step[:-1]))])
     s = np.interp(np.linspace(0.0, number[-1], max(math.ceil(number[-1]), 2) + 1), number, arc)
-    points = np.stack([np.interp(s, arc, column) for column in path.T], axis=-1)
+    points = at_lengths(path, arc, s)
     wave = np.interp(s, arc, wave)
     which = np.full_like(s, name % 2**40)
     turns = np.concatenate([[0.0], np.cumsum(np.diff(s) / (0.5 * (wave[1:] + wave[:-1])))])

@@ -14,14 +14,8 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from sketchterrain.array_types import BoolArray, Float64Array, Int64Array
 from sketchterrain.features.table import AREA, LINE, STEP, FeatureTable
 from sketchterrain.geometry.hashing import rounded
-from sketchterrain.geometry.splines import sample_catmull_rom
-from sketchterrain.landforms.hydrology.courses import (
-    EXTENSION_SHARE,
-    RiverCourse,
-    arc_length,
-    extend_path,
-    smoothed,
-)
+from sketchterrain.geometry.splines import arc_length, at_lengths, sample_catmull_rom
+from sketchterrain.landforms.hydrology.courses import EXTENSION_SHARE, RiverCourse, extend_path, smoothed
 from sketchterrain.landforms.hydrology.network import (
     EDGE_GAP,
     Reach,
@@ -350,8 +344,7 @@ def _smooth_sizes(sizes: Float64Array, arc: Float64Array) -> tuple[Float64Array,
 def _blurred_along(values: Float64Array, arc: Float64Array, distance: float) -> list[Float64Array]:
     """Return columns of values (m, c) at some lengths along a course, blurred over a distance (m)."""
     even = np.linspace(0.0, arc[-1], len(arc))
-    at_even = np.stack([np.interp(even, arc, column) for column in values.T], axis=-1)
-    blurred = smoothed(at_even, distance / max(float(even[1]), 1e-9))
+    blurred = smoothed(at_lengths(values, arc, even), distance / max(float(even[1]), 1e-9))
     return [np.interp(arc, even, column) for column in blurred.T]
 
 

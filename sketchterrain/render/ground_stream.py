@@ -117,7 +117,7 @@ class TerrainStream:
 
         The first frame starts no batch after 2 s, that of a jump none after 0.5 s. The first of another
         terrain generates what is in sight for 0.1 s. Afterwards, until the picture is final, tiles may take
-        half of `elapsed` (s) for at most 2 s; at rest, 0.1 s while one in sight is missing.
+        half of `elapsed` (s) for at most 2 s, and morph faster; at rest, 0.1 s while one in sight is missing.
         """
         before, self._camera = self._camera, camera
         moved = np.full(3, np.inf) if before is None else np.subtract(camera.eye, before.eye)
@@ -130,7 +130,7 @@ class TerrainStream:
         self._since_jump = 0.0 if jumped else self._since_jump + elapsed
         self.view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
         lacks_shape = camera == before and not self.tiles.complete
-        catches_up = lacks_shape or self._since_jump < CATCH_UP_SECONDS
+        catches_up = self._since_jump < CATCH_UP_SECONDS
         if jumped:
             least = FIRST_BUDGET if self.draws is None else JUMP_BUDGET if far else CHANGE_BUDGET
             budget = max(least, budget)

@@ -34,8 +34,9 @@ _PLAIN: Final = frozenset({"shadows", "clouds", "rocks", "grass"})  # not drawn;
 class PictureShape(NamedTuple):
     """What a picture shows, row 0 on top."""
 
-    distance: Float32Array  # (h, w) m to the ground; infinite: sky, or ground too faint to be seen
+    distance: Float32Array  # (h, w) m to the ground; infinite: sky
     water: BoolArray  # (h, w)
+    clear: BoolArray  # (h, w) ground that the air does not hide
 
 
 def still_shape(terrain: TerrainSource, camera: Camera, size: tuple[int, int]) -> PictureShape:
@@ -53,8 +54,9 @@ def columns_alike(one: PictureShape, other: PictureShape) -> float:
     """Return the share of columns in which every silhouette of one shape is within 3 px in the other."""
     missing = np.zeros(one.distance.shape[1], np.bool_)
     for sought, found in ((one, other), (other, one)):
-        near = maximum_filter1d(_silhouettes(found, _STEP[1]).astype(np.uint8), 2 * _PIXELS + 1, axis=0) > 0
-        missing |= (_silhouettes(sought, _STEP[0]) & ~near).any(axis=0)
+        edges = _silhouettes(found, _STEP[1]) | (found.clear[1:] & ~found.clear[:-1])
+        near = maximum_filter1d(edges.astype(np.uint8), 2 * _PIXELS + 1, axis=0) > 0
+        missing |= (_silhouettes(sought, _STEP[0]) & sought.clear[1:] & ~near).any(axis=0)
     return 1.0 - float(missing.mean())
 
 
@@ -101,8 +103,8 @@ def measured_engine(path: Path) -> Iterator[None]:
 
 def saved_shape(path: Path, size: tuple[int, int]) -> PictureShape:
     """Return the shape of the last frame, of a size (px)."""
-    distance, water = np.frombuffer(path.read_bytes(), np.float32).reshape(2, size[1], size[0])
-    return PictureShape(distance, water > 0.5)
+    distance, water, clear = np.frombuffer(path.read_bytes(), np.float32).reshape(3, size[1], size[0])
+    return PictureShape(distance, water > 0.5, clear > 0.5)
 
 
 def serve() -> None:

@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.plotting import Curves, draw_curves
 from sketchterrain.benchmarks.report import Row, Table, Tables
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
 from sketchterrain.geometry.splines import cubics
-from sketchterrain.terrain.centrelines import flatten, position
+from sketchterrain.terrain.centrelines import bisect, position
 
 if TYPE_CHECKING:
     from sketchterrain.compute.context import ComputeContext
@@ -73,7 +73,7 @@ def pieces_of(
 ) -> tuple[npt.NDArray[np.int32], Float64Array, Float64Array]:
     """Return flattened splines as ``spline_arcs_distances`` in ``kernels/splines.cl`` reads them."""
     flat = cubic.reshape(-1, 2, 4)
-    found = flatten(flat, tolerance, arcs=arcs)
+    found = bisect(flat, tolerance, arcs=arcs).within(tolerance)
     ends = position(flat[found.cubic], np.stack([found.first, found.last], axis=-1))
     chord = ends[:, 1] - ends[:, 0]
     length2 = (chord**2).sum(axis=-1)

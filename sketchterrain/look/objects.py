@@ -242,8 +242,10 @@ def _outside_rivers(position: Float64Array, rivers: Sequence[River]) -> Float64A
         near = np.flatnonzero(((position[:, :2] >= low) & (position[:, :2] <= high)).all(axis=1))
         if not near.size:
             continue
+        found = cKDTree(line[:, :2]).query(position[near, :2], distance_upper_bound=reach)
+        distance, nearest = (np.asarray(each)[np.isfinite(found[0])] for each in found)
+        near = near[np.isfinite(found[0])]
         place = position[near]
-        distance, nearest = cKDTree(line[:, :2]).query(place[:, :2])
         half = 0.5 * river.centreline_width[nearest].astype(np.float64)
         share = np.clip(2.0 * (1.0 - distance / half), 0.0, 1.0)
         beside = np.abs(place[:, 2] - line[nearest, 2]) < LEVEL

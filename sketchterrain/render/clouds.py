@@ -207,7 +207,8 @@ class Clouds:
         if following.place is not None and not len(ahead):
             shown.reset(None, wind)
             shown, following = self._domes = [following, shown]
-        away = np.linalg.norm(shown.seen_from(eye, wind))
+        # Just below the clouds a change of height matters most: from above they would be no dome.
+        away = np.linalg.norm(shown.seen_from(eye, wind) * (1.0, 1.0, BASE / up))
         rests = not moving and shown.place is not None and tuple(shown.place) != tuple(eye)
         if away > PARALLAX[1] or rests:
             shown.reset(eye, wind)

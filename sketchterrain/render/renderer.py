@@ -294,11 +294,11 @@ class Renderer:
         near, far = clip_planes(min(above, self.scenery.built.clearance(camera.eye)), distance)
         return ClippedView(replace(camera, near=near, far=far), distance, above)
 
-    def shape(self, camera: Camera, size: tuple[int, int]) -> tuple[Float32Array, BoolArray]:
+    def shape(self, camera: Camera, size: tuple[int, int]) -> tuple[Float32Array, BoolArray, BoolArray]:
         """Return what the last picture, of this camera, shows: for measurements.
 
-        Distances (m) to its ground, drawn again at a size (px), infinite in the sky and where it is `FAINT`;
-        where water is seen; both (height, width), row 0 on top.
+        Distances (m) to its ground, drawn again at a size (px), infinite in the sky; where water is seen;
+        where ground is not `FAINT`; each (height, width), row 0 on top.
         """
         view, reach, _ = self._clipped(camera)
         depth = self._context.depth_texture(size)
@@ -312,8 +312,8 @@ class Renderer:
         distance = 2.0 * view.near * view.far / (view.far + view.near - z * (view.far - view.near))
         wet = self.scenery.water_mask()
         rows, columns = (np.arange(n) * m // n for n, m in zip(size[::-1], wet.shape, strict=True))
-        seen = (z < 1.0) & (self.stream.tiles.metric.contrast(distance, reach) >= FAINT)
-        return np.where(seen, distance, np.inf).astype(np.float32), wet[rows[:, None], columns]
+        clear = (z < 1.0) & (self.stream.tiles.metric.contrast(distance, reach) >= FAINT)
+        return np.where(z < 1.0, distance, np.inf).astype(np.float32), wet[rows[:, None], columns], clear
 
     def release(self) -> None:
         """Free GPU memory (if the context's ``gc_mode`` is ``auto``); the renderer is unusable afterwards.

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
 from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray
+from sketchterrain.caching import LRUCache
 from sketchterrain.geometry.hashing import gaussian_filter, rounded
 from sketchterrain.geometry.splines import arc_length, at_lengths, catmull_rom, cubics
 from sketchterrain.io.resources import kernel_constants
@@ -73,13 +74,30 @@ def position(cubics: Float64Array, t: Float64Array) -> Float64Array:
     return np.asarray(((c[..., 3] * t + c[..., 2]) * t + c[..., 1]) * t + c[..., 0])
 
 
-def flatten(
+@dataclass(frozen=True)
+class Bisection:
+    """Arcs or chords of stretches of cubics and of their halves, until each is within a tolerance."""
+
+    pieces: Pieces
+    missed: Float64Array  # (n,) greatest distance (m) from the curve
+    above: Float64Array  # (n,) the least one of the stretches that it is part of
+
+    def within(self, tolerance: float) -> Pieces:
+        """Return the widest pieces that are within a tolerance (m), in order."""
+        most = _SHARE * tolerance
+        widest = np.flatnonzero((self.missed <= most) & (self.above > most))
+        order = widest[np.lexsort((self.pieces.first[widest], self.pieces.cubic[widest]))]
+        every = self.pieces
+        return Pieces(every.cubic[order], every.first[order], every.last[order], every.bend[order])
+
+
+def bisect(
     cubics: Float64Array,
     tolerance: float,
     *,
     arcs: bool = True,
     spans: tuple[Ints, Float64Array, Float64Array] | None = None,
-) -> Pieces:
+) -> Bisection:
     """Bisect cubics (n, 2, 4) until each piece is within the tolerance (m) of an arc or chord.
 
     An arc through the ends of a piece of length L misses the curve by about κ′L³/125 where a chord misses it
@@ -89,20 +107,23 @@ def flatten(
     if spans is None:
         spans = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     cubic, first, last = spans
-    done: list[tuple[Ints, Float64Array, Float64Array, Float64Array]] = []
+    above = np.full(len(cubic), np.inf)
+    tested: list[tuple[npt.NDArray[Any], ...]] = []
     for halving in range(_MAX_HALVINGS + 1):
         bend, missed = _fit_arcs(cubics[cubic], first, last, arcs=arcs)
-        good = (missed <= _SHARE * tolerance) | (halving == _MAX_HALVINGS)
-        done.append((cubic[good], first[good], last[good], bend[good]))
-        cubic, first, last = cubic[~good], first[~good], last[~good]
-        if not cubic.size:
+        if halving == _MAX_HALVINGS:
+            missed[:] = 0.0
+        tested.append((cubic, first, last, bend, missed, above))
+        coarse = missed > _SHARE * tolerance
+        if not coarse.any():
             break
+        above = np.repeat(np.minimum(above, missed)[coarse], 2)
+        cubic, first, last = cubic[coarse], first[coarse], last[coarse]
         middle = 0.5 * (first + last)
         cubic = np.repeat(cubic, 2)
         first, last = np.stack([first, middle], -1).ravel(), np.stack([middle, last], -1).ravel()
-    cubic, first, last, bend = (np.concatenate(each) for each in zip(*done, strict=True))
-    order = np.lexsort((first, cubic))
-    return Pieces(cubic[order], first[order], last[order], bend[order])
+    *pieces, missed, above = (np.concatenate(each) for each in zip(*tested, strict=True))
+    return Bisection(Pieces(*pieces), missed, above)
 
 
 def _fit_arcs(
@@ -270,6 +291,9 @@ def _restored(river: River, radii: Float64Array, *rest: Any) -> PreparedCentreli
     return PreparedCentreline(river, _samples(river, radii), *rest)
 
 
+_bisections = LRUCache(1 << 10, max_bytes=1 << 25)  # an edit moves few rivers
+
+
 def flatten_to_arcs(
     course: PreparedCentreline, *, cell_size: float = FINEST_CELL, least: float = 0.0
 ) -> ArcCentreline:
@@ -282,8 +306,12 @@ def flatten_to_arcs(
         anchors = anchors | course.steep  # otherwise there is no channel for water to spill from
     cuts = np.union1d(u[anchors], np.arange(len(curve) + 1.0))
     cubic = np.minimum(cuts[:-1].astype(np.intp), len(curve) - 1)
-    tolerance = max(_CELL_SHARE * cell_size - 0.75 * least, 0.5 * _CELL_SHARE * cell_size)
-    pieces = flatten(curve, tolerance, spans=(cubic, cuts[:-1] - cubic, cuts[1:] - cubic))
+    spans = cubic, cuts[:-1] - cubic, cuts[1:] - cubic
+    finest, tolerance = (
+        max(_CELL_SHARE * cell - 0.75 * least, 0.5 * _CELL_SHARE * cell) for cell in (FINEST_CELL, cell_size)
+    )
+    key = curve.tobytes(), cuts.tobytes(), finest
+    pieces = _bisections.get_or_compute(key, lambda: bisect(curve, finest, spans=spans)).within(tolerance)
     at = np.append(pieces.cubic + pieces.first, float(len(curve)))
     points = at_lengths(course.line, u, at)
     between = np.flatnonzero(~np.isin(at, u))

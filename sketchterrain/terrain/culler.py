@@ -185,12 +185,12 @@ class PointCuller:
 
     def _outside(self, cache: LRUCache, areas: LatticeArray) -> LRUCache:
         """Return the entries that touch none of some areas (n, 4)."""
+        keys = list(cache.keys())
+        blocks = [self._key_blocks(key) for key in keys]
         grown = areas + np.array([-_ROUNDING, -_ROUNDING, _ROUNDING, _ROUNDING])
-        return cache.retained(
-            key
-            for key in cache.keys()  # noqa: SIM118 # no mapping
-            if not _overlap_any(self._key_blocks(key), grown).any()
-        )
+        touched = _overlap_any(np.concatenate([np.zeros((0, 4), np.int64), *blocks]), grown)
+        parts = np.split(touched, np.cumsum([len(each) for each in blocks]))
+        return cache.retained(key for key, part in zip(keys, parts, strict=False) if not part.any())
 
     def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
         """Return what affects blocks (n, 4), lattice units.

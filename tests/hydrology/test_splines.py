@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.geometry.splines import catmull_rom, cubics, drop_repeats, sample_catmull_rom
-from sketchterrain.terrain.centrelines import flatten, nearest_on_arc
+from sketchterrain.terrain.centrelines import bisect, nearest_on_arc
 
 WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)
 
@@ -92,8 +92,8 @@ def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends():
 def test_arcs_of_a_circle_are_few_and_straight_lines_one():
     angle = np.linspace(0, 1.5 * np.pi, 9)
     circle = cubics(100.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-    arcs, chords = (flatten(circle, 0.01, arcs=each) for each in (True, False))
+    arcs, chords = (bisect(circle, 0.01, arcs=each).within(0.01) for each in (True, False))
     assert len(arcs.bend) * 3 < len(chords.bend)
     line = cubics(np.array([[0.0, 0.0], [10.0, 5.0], [30.0, 15.0]]))
-    assert len(flatten(line, 1e-6).bend) == 2
-    assert np.all(flatten(line, 1e-6).bend == 0.0)
+    assert len(bisect(line, 1e-6).within(1e-6).bend) == 2
+    assert np.all(bisect(line, 1e-6).within(1e-6).bend == 0.0)

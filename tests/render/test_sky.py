@@ -22,7 +22,7 @@ from sketchterrain.render.atmosphere import (
     TOP,
     Air,
 )
-from sketchterrain.render.clouds import PERIOD, Clouds, billow_noise, cloud_defines, cloud_field
+from sketchterrain.render.clouds import BASE, MIDDLE, PERIOD, Clouds, billow_noise, cloud_defines, cloud_field
 from sketchterrain.render.offscreen import read_picture
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.quality import Quality
@@ -554,6 +554,8 @@ def test_every_direction_that_shows_a_cloud_dome_is_computed_and_none_is_below_t
                 ahead = direction(pitch, rng.uniform(0.0, 360.0))
                 camera = Camera(tuple(eye), tuple(eye + 100.0 * ahead), fov=50.0)
                 given = clouds.follow(camera, aspect, base=0.0, clock=0.0, moving=True)
+                above = max(BASE + MIDDLE - eye[2], 300.0)  # m; seen from over the clouds, they are streaks
+                assert given["cloud_origin"][2] < 0.8 * above, (height, pitch, moved)
                 for _, dome, blocks in clouds._queue:
                     for _ in dome.blocks(blocks):
                         pass

@@ -369,7 +369,7 @@ def clock(monkeypatch):
     return Clock(monkeypatch)
 
 
-def attempt(policy, clock, seconds) -> bool:
+def attempt(policy, clock, seconds, *, shapes=True) -> bool:
     """Work for `seconds` with a checkpoint every 10 ms; return whether it finished."""
     policy.start()
     try:
@@ -378,7 +378,7 @@ def attempt(policy, clock, seconds) -> bool:
             policy.checkpoint()
     except Superseded:
         return False
-    policy.finish()
+    policy.finish(shapes=shapes)
     return True
 
 
@@ -398,9 +398,10 @@ def test_superseded_work_is_cancelled_unless_short_or_half_done_and_never_twice_
     clock.now += 0.26
     newer.append(1)
     policy.checkpoint()
-    assert policy.finish() == pytest.approx(0.26)
+    assert policy.finish(shapes=True) == pytest.approx(0.26)
     newer.clear()
     assert policy.shows_drafts
+    assert all(attempt(policy, clock, 0.01, shapes=False) for _ in range(30))  # of materials, as one strokes
     assert attempt(policy, clock, 0.01)
     assert policy.shows_drafts  # a short placement is no measure of the next one
     assert all(attempt(policy, clock, 0.01) for _ in range(9))

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 _DRAFT_AFTER: Final = 0.2  # s; a placement expected to take longer is shown as a draft first
+_SLOW: Final = 0.8  # s; ... at the end of a stroke too
 _SHORT: Final = 0.1  # s; a placement expected to end sooner is finished in any case
-_FADING: Final = 0.8  # of the slowest placement, by the next one
+_FADING: Final = 0.8  # of the slowest placement, by the next one that changes the natural ground
 _REST: Final = 0.06  # s without a newer sketch, after which a draft is followed by the final terrain
 
 
@@ -61,14 +62,19 @@ class CancellationPolicy:
         """Whether placements may take long enough for a draft, whatever the last one took."""
         return max(self._expected, self._slowest) > _DRAFT_AFTER
 
+    @property
+    def is_slow(self) -> bool:
+        """Whether to draft the end of a stroke too: it delays the view of the final terrain."""
+        return self._slowest > _SLOW
+
     def drafted(self) -> None:
         """Note that a draft is shown: from now on any newer sketch cancels the placement."""
         self._expected, self._cancelled_last = math.inf, False
 
-    def finish(self) -> float:
-        """Record and return the duration of the finished placement, s."""
+    def finish(self, *, shapes: bool) -> float:
+        """Record and return the duration of the finished placement, s; `shapes`: of other natural ground."""
         self._expected = time.monotonic() - self._started
-        self._slowest = max(self._expected, _FADING * self._slowest)
+        self._slowest = max(self._expected, (_FADING if shapes else 1.0) * self._slowest)
         self._cancelled_last = False
         return self._expected
 
@@ -144,13 +150,15 @@ class Placer:
         try:
             stages = evaluation(sketch, self._memory, self._checkpoint, self._show_share)
             if self._policy.shows_drafts and self._last is not None:
-                rest = _REST  # while the stroke goes on, the next draft comes first
+                rest = _REST
                 for draft in draft_recipes(stages, self._last):
-                    update = msg.RecipeUpdate(version, sketch, draft, started, time.monotonic(), draft=True)
-                    self._engine.send(update)
-                    self._policy.drafted()
-                    self._window.has_message(rest)
-                    self._checkpoint()
+                    drafted = time.monotonic()
+                    if self._window.has_message(rest) or self._policy.is_slow:
+                        self._engine.send(
+                            msg.RecipeUpdate(version, sketch, draft, started, drafted, draft=True)
+                        )
+                        self._policy.drafted()
+                    self._checkpoint()  # while the stroke goes on, the next draft comes first
                     rest = 0.0
             recipe: TerrainRecipe = stages["recipe"]
         finally:
@@ -175,7 +183,9 @@ class Placer:
                 roads=recipe.network.roads,
                 findings=tuple((line, place_of_finding(sketch, line)) for line in recipe.network.findings),
                 orphans=recipe.orphans,
-                seconds=self._policy.finish(),
+                seconds=self._policy.finish(
+                    shapes=before is None or stages["surface"] is not before["surface"]
+                ),
             )
         )
 

@@ -86,10 +86,10 @@ class PackedRivers:
     def is_in(self, other: PackedRivers) -> BoolArray:
         """Return which arcs are among those of other centrelines, shape (n,)."""
         own, others = (
-            np.ascontiguousarray(np.column_stack([each.start, each.arc])).view("V80")[:, 0]
+            np.ascontiguousarray(np.column_stack([each.start, each.arc])).view("V80")[:, 0].tolist()
             for each in (self, other)
         )
-        return np.isin(own, others)
+        return np.fromiter(map(frozenset(others).__contains__, own), np.bool_, len(own))
 
     @cached_property
     def boxes(self) -> LatticeArray:
@@ -215,21 +215,16 @@ class CorridorsLayer(TerrainLayer):
 
     def _flattened(self, extent: float, cell: float) -> PackedRivers:
         unit = metres_per_unit(extent)
-        courses, anchors, typical = [], [], []
-        for course in self.courses:
-            if course.is_hidden(cell):
-                continue
-            courses.append(flatten_to_arcs(course.line, cell_size=cell, least=unit))
-            arcs = len(courses[-1].bend)
-            anchors.append(np.tile(course.anchor, (arcs, 1)))
-            typical.append(np.full(arcs, typical_half_width(course.river)))
-        if not courses:
+        shown = [course for course in self.courses if not course.is_hidden(cell)]
+        if not shown:
             empty = np.zeros((0, 4))
             return PackedRivers(unit, np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
+        courses = [flatten_to_arcs(course.line, cell_size=cell, least=unit) for course in shown]
+        arcs = [len(each.bend) for each in courses]
         starts, ends = (
             np.concatenate([c.points[part] for c in courses]) for part in (slice(-1), slice(1, None))
         )
-        anchor = np.concatenate(anchors)
+        anchor = np.repeat([course.anchor for course in shown], arcs, axis=0)
         start, end = (to_lattice(each[:, :2], extent) + anchor for each in (starts, ends))
         vector = (end - start) * unit
         length2 = np.sum(vector**2, axis=1)
@@ -239,7 +234,7 @@ class CorridorsLayer(TerrainLayer):
             "chord_east": vector[:, 0],
             "chord_north": vector[:, 1],
             "inverse_chord_square": 1 / np.where(valid, length2, 1),
-            "typical_half_width": np.concatenate(typical),
+            "typical_half_width": np.repeat([typical_half_width(course.river) for course in shown], arcs),
             "arc_bend": np.concatenate([each.bend for each in courses]),
             "arc_lean": 0.5 * (starts[:, 6] + ends[:, 6]),
             "sway_up": starts[:, 7],

@@ -438,18 +438,21 @@ def test_a_draft_comes_before_a_long_placement(placer):
     layers = {"mountain": blob(10)}
     placer.placed(Sketch(extent=2000.0), layers)
     assert not placer.other.receive().draft
-    placer.served._policy._expected = 10.0  # s
+    placer.served._policy._slowest = 10.0  # s
     placer.placed(Sketch(extent=2000.0), {"mountain": np.maximum(blob(10), blob(14))})
     draft, final = placer.other.receive(), placer.other.receive()
     assert (draft.version, draft.draft, final.version, final.draft) == (2, True, 2, False)
     assert draft.recipe is not None
-    placer.served._policy._expected = 10.0
+    placer.served._policy._slowest = 10.0
     painted = {"mountain": np.maximum(blob(10), blob(14)), "lake": blob(30)}
     placer.placed(Sketch(extent=2000.0), painted)
     draft, final = placer.other.receive(), placer.other.receive()
     assert [len(each.recipe.lakes) for each in (draft, final)] == [1, 1]
-    placer.served._policy._expected = 10.0
+    placer.served._policy._slowest = 10.0
     placer.placed(Sketch(extent=2000.0), {"mountain": blob(11), "hill": blob(30)})  # another sketch
+    assert not placer.other.receive().draft
+    placer.served._policy._slowest = 0.5  # at the end of a stroke a draft would delay the terrain
+    placer.placed(Sketch(extent=2000.0), {"mountain": blob(12), "hill": blob(30)})
     assert not placer.other.receive().draft
 
 

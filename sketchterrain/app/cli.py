@@ -133,7 +133,10 @@ def generate(
     if not preview:
         light = {"--view": view, "--time": time, "--sky": sky, "--clouds": clouds}
         reject_combination("--no-preview", light, "it is the preview's")
-    with Stages() as stages:
+    costs = {"features": 10, "ground": 3, "plants": 22, "adherence": 9, "realism": 4, "files": 4}
+    costs |= {"preview": 18} if preview else {}
+    costs |= {"map": 30} if map_kind else {}
+    with Stages(costs=costs) as stages:
         document = args.read_sketch(sketch, seed, stages, layer)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.export.foliage_files import FoliageOptions

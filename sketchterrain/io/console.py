@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from threading import Timer
@@ -88,10 +88,13 @@ class Stages:
     """Timed stages of a command, a context manager; `show` replaces output on stderr.
 
     `show` takes a stage's title and returns a context that yields a callback for the share that is done.
+    `costs` of stages, relative to each other, are hints for the whole command's share and remaining time.
     """
 
-    def __init__(self, show: ShowStage | None = None) -> None:
+    def __init__(self, show: ShowStage | None = None, costs: Mapping[str, float] | None = None) -> None:
         self.seconds: dict[str, float] = {}
+        self._costs, self._done = costs or {}, dict[str, float]()
+        self._whole: Any = None  # the line of the whole command
         self._start = time.perf_counter()
         self._bars: Progress | None = progress_bars() if show is None and sys.stderr.isatty() else None
         self._show: ShowStage = show or self._show_on_stderr
@@ -99,6 +102,8 @@ class Stages:
     def __enter__(self) -> Stages:
         if self._bars is not None:
             self._bars.start()
+            if self._costs:
+                self._whole = self._bars.add_task("All", total=sum(self._costs.values()))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -115,7 +120,15 @@ class Stages:
         """Show and time a stage, by `name` in `seconds`; yield a callback for the share done, 0 … 1."""
         start = time.perf_counter()
         with self._show(title) as progress:
-            yield progress
+
+            def report(share: float) -> None:
+                progress(share)
+                if self._bars is not None and name in self._costs:
+                    self._done[name] = share * self._costs[name]
+                    self._bars.update(self._whole, completed=sum(self._done.values()))
+
+            yield report
+            report(1.0)
         self.seconds[name] = time.perf_counter() - start
 
     @contextmanager
@@ -133,7 +146,6 @@ class Stages:
         bars = self._bars
         task = bars.add_task(title, total=None)
         yield lambda share: bars.update(task, total=1.0, completed=share)
-        bars.update(task, total=1.0, completed=1.0)
 
 
 def progress_bars() -> Progress:

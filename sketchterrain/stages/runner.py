@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from hashlib import blake2b
 from inspect import signature
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -17,6 +17,7 @@ from sketchterrain.stages.digests import Memory, digest_of, remember_parts
 Value = TypeVar("Value")
 
 _MISSING: Any = object()
+_AT_ONCE: Final = 64  # items
 _sizes = Memory()
 """Bytes of the arrays of objects, by id."""
 
@@ -96,28 +97,33 @@ class Runner:
             remember_parts(result, key)
         return self.results.store(key, result)
 
+    def reached(self, share: float) -> None:
+        """Report the share done of what runs, with a checkpoint."""
+        self.checkpoint()
+        self.progress(share)
+
     def steps(self, items: Sequence[Value]) -> Iterator[Value]:
         """Yield the items that what runs consists of, with a checkpoint and the share done before each."""
         for number, item in enumerate(items):
-            self.checkpoint()
-            self.progress(number / len(items))
+            self.reached(number / len(items))
             yield item
 
     def each(
         self, function: Callable[..., Sequence[Value]], items: Sequence[Any], *inputs: Any
     ) -> list[Value]:
-        """Return the results of a function for many items; those that are missing are computed at once.
+        """Return the results of a function for many items; those that are missing are computed in parts.
 
         `function` is given a list of items before the other inputs, and returns as many results.
         """
         common = digest_of((function, inputs))
         keys = [blake2b(common + digest_of(item), digest_size=len(common)).digest() for item in items]
         found = {key: self.results.get(key, _MISSING) for key in keys}
-        missing = {key: item for key, item in zip(keys, items, strict=True) if found[key] is _MISSING}
-        if missing:
-            self.checkpoint()
-            results = function(list(missing.values()), *inputs)
-            for key, result in zip(missing, results, strict=True):
+        known = zip(keys, items, strict=True)
+        missing = list({key: item for key, item in known if found[key] is _MISSING}.items())
+        for first in self.steps(range(0, len(missing), _AT_ONCE)):
+            part = missing[first : first + _AT_ONCE]
+            results = function([item for _, item in part], *inputs)
+            for (key, _), result in zip(part, results, strict=True):
                 found[key] = self.results.store(key, self.results.canonical(result))
         return [found[key] for key in keys]
 

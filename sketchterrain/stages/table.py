@@ -72,7 +72,7 @@ class Evaluation:
     ) -> None:
         self._table, self.sketch, self._run, self._progress = table, sketch, run, progress
         self._found: dict[str, Any] = {}
-        self._done, self._left = 0, sum(stage.cost for stage in table.values())
+        self._done, self._left, self._share = 0, sum(stage.cost for stage in table.values()), 0.0
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._found:
@@ -94,7 +94,8 @@ class Evaluation:
     def _report(self, stage: Stage | None = None, share: float = 0.0) -> None:
         """Report the share done, with that of a stage that runs."""
         part = share * stage.cost if stage else 0.0
-        self._progress((self._done + part) / max(self._left + self._done, 1))
+        self._share = max(self._share, (self._done + part) / max(self._left + self._done, 1))
+        self._progress(self._share)
 
     def supposing(self, results: Mapping[str, Any]) -> Evaluation:
         """Return the stages of the same sketch if some of them had other results."""

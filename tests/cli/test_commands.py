@@ -331,7 +331,7 @@ def test_realism_of_a_sketch_and_of_rasters(call, sketch, tmp_path):
 
 
 def run_stages() -> dict[str, float]:
-    with Stages() as stages:
+    with Stages(costs={"a": 1.0, "b": 3.0}) as stages:
         with stages.stage("a", "First") as progress:
             progress(0.5)
         with pytest.raises(ValueError, match="no"), stages.stage("b", "Second"):
@@ -351,7 +351,7 @@ def test_stages_are_timed_and_displayed_on_terminals_or_if_slow(capsys, terminal
     assert capsys.readouterr() == ("", "Slow …\n")
     monkeypatch.setattr(sys, "stderr", terminal)
     run_stages()
-    assert all(text in terminal.getvalue() for text in ("First", "100%", "Second"))
+    assert all(text in terminal.getvalue() for text in ("First", "100%", "Second", "All", "25%"))
 
 
 def test_placing_features_shows_its_share():

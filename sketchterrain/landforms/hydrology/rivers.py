@@ -262,7 +262,9 @@ def _solve_levels(
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
+    run.reached(0.2)
     network = replace(run(build_network, courses), cuts=cuts)
+    run.reached(0.7)
     rivers, filled = run(_levels, network, lakes, grounds, sea_level)
     order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
     return [rivers[number] for number in order], filled, [grounds[number] for number in order]

@@ -123,13 +123,16 @@ class Stages:
 
             def report(share: float) -> None:
                 progress(share)
-                if self._bars is not None and name in self._costs:
-                    self._done[name] = share * self._costs[name]
-                    self._bars.update(self._whole, completed=sum(self._done.values()))
+                self._count(name, share)
 
             yield report
-            report(1.0)
+        self._count(name, 1.0)
         self.seconds[name] = time.perf_counter() - start
+
+    def _count(self, name: str, share: float) -> None:
+        if self._bars is not None and name in self._costs:
+            self._done[name] = share * self._costs[name]
+            self._bars.update(self._whole, completed=sum(self._done.values()))
 
     @contextmanager
     def _show_on_stderr(self, title: str) -> Iterator[Callable[[float], None]]:
@@ -146,6 +149,7 @@ class Stages:
         bars = self._bars
         task = bars.add_task(title, total=None)
         yield lambda share: bars.update(task, total=1.0, completed=share)
+        bars.update(task, total=1.0, completed=1.0)
 
 
 def progress_bars() -> Progress:

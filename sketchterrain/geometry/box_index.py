@@ -31,6 +31,7 @@ ITEM: Final = np.dtype([("id", "u8"), ("digest", "u8"), ("low", "i8", 2), ("high
 
 # Blocks times items up to which brute force is quicker.
 _FEW = 1 << 14
+_PAIRS = 1 << 20  # at once
 # Ratio of successive cell sizes, as a power of two.
 _SIZE_BITS = 2
 # An index is rebuilt after each change up to so many items, and then once a share of them has changed.
@@ -231,6 +232,16 @@ class BoxIndex:
         keys = base[size] + cell[:, 1] * columns[size] + cell[:, 0]
         items = np.argsort(keys, kind="stable")
         return bits, origin, columns, rows, base, keys[items], items
+
+
+def touch_any(blocks: LatticeArray, boxes: LatticeArray) -> BoolArray:
+    """Return which blocks (m, 4) touch any of some boxes (n, 4), borders included."""
+    step = max(_PAIRS // max(len(boxes), 1), 1)
+    parts = [
+        _overlap(blocks[first : first + step, None], boxes[:, :2], boxes[:, 2:]).any(axis=1)
+        for first in range(0, len(blocks), step)
+    ]
+    return np.concatenate([np.zeros(0, np.bool_), *parts])
 
 
 def _overlap(blocks: LatticeArray, low: LatticeArray, high: LatticeArray) -> BoolArray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from sketchterrain.array_types import (
     UInt8Array,
 )
 from sketchterrain.caching import LRUCache
-from sketchterrain.geometry.box_index import ITEM, content_items
+from sketchterrain.geometry.box_index import ITEM, content_items, touch_any
 from sketchterrain.io.disk_cache import RecordCache
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landforms.base_ground import BaseGround, NodeSource
@@ -196,7 +197,10 @@ class NodeReader:
         other = copy(self)
         other._painted = painted
         keys = self._chunks.keys()
-        other._chunks = self._chunks.retained(key for key in keys if not _touches(boxes, *key))
+        level, *place = np.array(keys, np.int64).reshape(-1, 3).T
+        low = np.stack(place, axis=1)
+        chunks = np.concatenate([low, low + 1], axis=1) * CHUNK << (NODE_BITS + level)[:, None]
+        other._chunks = self._chunks.retained(compress(keys, ~touch_any(chunks, boxes)))
         return other
 
     def chunks(self, level: int, places: LatticeArray) -> list[NodeWindow]:
@@ -338,10 +342,3 @@ def grid(low: LatticeArray, high: LatticeArray) -> LatticeArray:
     """Return columns and rows from a corner to another, both inclusive, (n, 2)."""
     place = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
     return np.ascontiguousarray(place.reshape(2, -1).T)
-
-
-def _touches(boxes: LatticeArray, level: int, column: int, row: int) -> bool:
-    bits = NODE_BITS + level
-    low = (np.array([column, row]) * CHUNK) << bits
-    high = low + (CHUNK << bits)
-    return bool(((boxes[:, :2] <= high) & (boxes[:, 2:] >= low)).all(axis=1).any())

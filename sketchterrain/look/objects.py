@@ -243,8 +243,8 @@ def _outside_rivers(position: Float64Array, rivers: Sequence[River]) -> Float64A
         if not near.size:
             continue
         found = cKDTree(line[:, :2]).query(position[near, :2], distance_upper_bound=reach)
-        distance, nearest = (np.asarray(each)[np.isfinite(found[0])] for each in found)
-        near = near[np.isfinite(found[0])]
+        within = np.isfinite(found[0])
+        near, distance, nearest = (np.asarray(each)[within] for each in (near, *found))
         place = position[near]
         half = 0.5 * river.centreline_width[nearest].astype(np.float64)
         share = np.clip(2.0 * (1.0 - distance / half), 0.0, 1.0)

@@ -17,6 +17,7 @@ from sketchterrain.geometry.splines import arc_length, at_lengths, catmull_rom, 
 from sketchterrain.io.resources import kernel_constants
 from sketchterrain.landforms.hydrology.river_shape import bank_sway, bend_lean
 from sketchterrain.landforms.placement.feature_types import River
+from sketchterrain.stages.digests import digest_of
 from sketchterrain.terrain.noise import FINEST_CELL
 
 if TYPE_CHECKING:
@@ -310,7 +311,7 @@ def flatten_to_arcs(
     finest, tolerance = (
         max(_CELL_SHARE * cell - 0.75 * least, 0.5 * _CELL_SHARE * cell) for cell in (FINEST_CELL, cell_size)
     )
-    key = curve.tobytes(), cuts.tobytes(), finest
+    key = digest_of((curve, cuts, finest))
     pieces = _bisections.get_or_compute(key, lambda: bisect(curve, finest, spans=spans)).within(tolerance)
     at = np.append(pieces.cubic + pieces.first, float(len(curve)))
     points = at_lengths(course.line, u, at)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.array_types import BoolArray, Float64Array, LatticeArray, StructuredArray
+from sketchterrain.array_types import Float64Array, LatticeArray, StructuredArray
 from sketchterrain.caching import LRUCache
-from sketchterrain.geometry.box_index import BoxIndex, item_lists, slot_lists
+from sketchterrain.geometry.box_index import BoxIndex, item_lists, slot_lists, touch_any
 from sketchterrain.geometry.lattice import covered_places, unique_places
 from sketchterrain.landforms.node_raster import (
     APRON,
@@ -185,12 +185,12 @@ class PointCuller:
 
     def _outside(self, cache: LRUCache, areas: LatticeArray) -> LRUCache:
         """Return the entries that touch none of some areas (n, 4)."""
-        keys = list(cache.keys())
+        keys = cache.keys()
         blocks = [self._key_blocks(key) for key in keys]
         grown = areas + np.array([-_ROUNDING, -_ROUNDING, _ROUNDING, _ROUNDING])
-        touched = _overlap_any(np.concatenate([np.zeros((0, 4), np.int64), *blocks]), grown)
-        parts = np.split(touched, np.cumsum([len(each) for each in blocks]))
-        return cache.retained(key for key, part in zip(keys, parts, strict=False) if not part.any())
+        touched = touch_any(np.concatenate([np.zeros((0, 4), np.int64), *blocks]), grown)
+        parts = np.split(touched, np.cumsum([len(each) for each in blocks]))[:-1]
+        return cache.retained(key for key, part in zip(keys, parts, strict=True) if not part.any())
 
     def cull(self, blocks: LatticeArray, sampling: Sampling, around: LatticeArray | None = None) -> Culled:
         """Return what affects blocks (n, 4), lattice units.
@@ -300,12 +300,6 @@ class PointCuller:
             box = (west * side - 1, south * side - 1, east * side + 1, north * side + 1)
             parts.append(self._layer.fill.within(*(float(edge) for edge in box)))
         return unique_by_id(parts)
-
-
-def _overlap_any(ground: LatticeArray, areas: LatticeArray) -> BoolArray:
-    """Return which rectangles overlap any of some areas, both in lattice units."""
-    low, high = ground[:, None, :2], ground[:, None, 2:]
-    return np.asarray(((areas[:, :2] <= high) & (areas[:, 2:] >= low)).all(axis=-1).any(axis=-1))
 
 
 # On the device: the nodes have ten times as many bytes as the extremes that the cache counts.

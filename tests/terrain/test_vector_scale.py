@@ -13,7 +13,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.features.edits import move_node
 from sketchterrain.features.table import FeatureTable
 from sketchterrain.generation.building import build, rebuild
-from sketchterrain.geometry.box_index import BoxIndex
+from sketchterrain.geometry.box_index import BoxIndex, touch_any
 from sketchterrain.geometry.lattice import to_lattice
 from sketchterrain.landuse.areas import land_use
 from sketchterrain.stages.runner import Results
@@ -43,6 +43,8 @@ def test_points_and_boxes_are_found_in_an_edited_index(monkeypatch) -> None:
     wide = np.concatenate([at, at + rng.integers(0, (high - low) // 10, at.shape)], axis=1)
     inside = ((at[:, None] >= now[:, :2]) & (at[:, None] <= now[:, 2:])).all(axis=2)
     near = ((wide[:, None, 2:] >= now[:, :2]) & (wide[:, None, :2] <= now[:, 2:])).all(axis=2)
+    monkeypatch.setattr("sketchterrain.geometry.box_index._PAIRS", 3 * len(now))
+    np.testing.assert_array_equal(touch_any(wide, now), near.any(axis=1))
     for found, expected in ((index.at_points(*at.T), inside), (index.touching(wide), near)):
         np.testing.assert_array_equal(np.stack(found)[:, np.lexsort(found[::-1])], np.nonzero(expected))
 

@@ -262,7 +262,7 @@ def _solve_levels(
     """Solve water levels: return rivers sorted by id, lakes, and the terrain height along each river."""
     if not courses:
         return [], lakes, []
-    run.reached(0.2)
+    run.reached(0.2)  # in a sketch of many rivers
     network = replace(run(build_network, courses), cuts=cuts)
     run.reached(0.7)
     rivers, filled = run(_levels, network, lakes, grounds, sea_level)
